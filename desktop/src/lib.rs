@@ -1,0 +1,1 @@
+//! The `motes` command's parts, shared with the tests.

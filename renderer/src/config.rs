@@ -1,0 +1,336 @@
+//! Every choice that the renderer offers, in one [`RenderConfig`]: parsed from the command line, shown in the
+//! panel, swept by the bench, written to the report. A new axis is one enum here.
+
+use std::fmt;
+use std::str::FromStr;
+
+/// A choice among named values; implemented by every enum of [`RenderConfig`].
+pub trait Axis: Copy + Eq + Sized + 'static {
+    /// The axis's name, as on the command line.
+    const NAME: &'static str;
+    /// Every value, in the order in which they are listed.
+    const ALL: &'static [Self];
+    /// The value's name, as on the command line.
+    fn name(self) -> &'static str;
+    /// What the value means, one line.
+    fn about(self) -> &'static str;
+}
+
+/// A name that is not among an axis's values.
+#[derive(Clone, Debug, thiserror::Error)]
+#[error("{axis} cannot be '{given}'; it is one of: {choices}")]
+pub struct UnknownChoice {
+    /// The axis.
+    pub axis: &'static str,
+    /// What was given.
+    pub given: String,
+    /// What may be given.
+    pub choices: String,
+}
+
+macro_rules! axis {
+    ($(#[$meta:meta])* $enum:ident = $axis:literal { $($(#[doc = $about:literal])+ $variant:ident = $name:literal,)+ }) => {
+        $(#[$meta])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
+        pub enum $enum { $($(#[doc = $about])+ #[serde(rename = $name)] $variant,)+ }
+
+        impl Axis for $enum {
+            const NAME: &'static str = $axis;
+            const ALL: &'static [Self] = &[$(Self::$variant),+];
+            fn name(self) -> &'static str { match self { $(Self::$variant => $name),+ } }
+            fn about(self) -> &'static str { match self { $(Self::$variant => concat!($($about),+).trim_ascii()),+ } }
+        }
+
+        impl fmt::Display for $enum {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result { f.pad(self.name()) }
+        }
+
+        impl FromStr for $enum {
+            type Err = UnknownChoice;
+            fn from_str(s: &str) -> Result<Self, UnknownChoice> {
+                Self::ALL.iter().copied().find(|v| v.name() == s).ok_or_else(|| UnknownChoice {
+                    axis: $axis,
+                    given: s.to_owned(),
+                    choices: Self::ALL.iter().map(|v| v.name()).collect::<Vec<_>>().join(", "),
+                })
+            }
+        }
+    };
+}
+
+axis!(
+    /// Where a splat becomes a polygon.
+    Expansion = "expansion" {
+        /// Compute pass writes compact records, then indexed quads.
+        Precomputed = "precomputed",
+        /// Vertex stage projects at every corner.
+        Instanced = "instanced",
+        /// Geometry stage, one invocation per splat (single view; where the device has it).
+        Geometry = "geometry",
+    }
+);
+
+axis!(
+    /// How a splat's 3-D Gaussian becomes a 2-D one.
+    Projection = "projection" {
+        /// Classic: linearised at the mean on the plane z = 1 (Zwicker 2002, Kerbl 2023).
+        Affine = "affine",
+        /// Optimal: onto the plane tangent to the unit sphere at the mean (Huang 2024).
+        Tangent = "tangent",
+        /// Maximum response along the pixel's ray (Hahlbohm 2024).
+        Exact = "exact",
+    }
+);
+
+axis!(
+    /// The filter that keeps small splats from flickering.
+    LowPass = "low-pass" {
+        /// 2-D: 0.3 px² added to the projected covariance.
+        Planar = "2d",
+        /// 2-D with opacity compensation (Mip-Splatting).
+        PlanarCompensated = "2d-compensated",
+        /// 3-D: scales widened by their depth before projecting.
+        Volumetric = "3d",
+        /// 3-D with opacity compensation.
+        VolumetricCompensated = "3d-compensated",
+        /// No filter.
+        Off = "none",
+    }
+);
+
+axis!(
+    /// The polygon that covers a splat.
+    QuadShape = "shape" {
+        /// 8 corners, 3.31 k²: loses nothing.
+        Octagon = "octagon",
+        /// 4 corners along the ellipse's axes, 4 k².
+        Square = "square",
+        /// 4 corners on the ellipse's axes, 2 k²: cuts the rims.
+        Diamond = "diamond",
+        /// Rectangle along the screen's axes.
+        AxisAligned = "axis-aligned",
+    }
+);
+
+axis!(
+    /// How far a splat's polygon reaches, in standard deviations.
+    RadiusRule = "radius" {
+        /// Until its own opacity falls below 1/255, at most √8.
+        OpacityAware = "opacity-aware",
+        /// √8 for every splat.
+        Sqrt8 = "sqrt8",
+        /// Until its own opacity falls below 1/255, uncapped (the trainers' reach).
+        Full = "full",
+    }
+);
+
+axis!(
+    /// What splats are ordered by.
+    OrderKey = "order" {
+        /// Distance from the point between the eyes: turning the head changes nothing.
+        Radial = "radial",
+        /// Depth along the view axis, as the trainers do.
+        Depth = "depth",
+    }
+);
+
+axis!(
+    /// Bits of the sort key.
+    KeyBits = "key-bits" {
+        /// 32 bits: order-preserving float.
+        B32 = "32",
+        /// 16 bits on a logarithmic scale.
+        B16 = "16",
+    }
+);
+
+axis!(
+    /// Who sorts.
+    Sorter = "sort" {
+        /// Worker thread, newest finished order is used.
+        Cpu = "cpu",
+        /// Radix sort on the device, every frame.
+        Gpu = "gpu",
+        /// Nobody: hashed transparency, averaged over frames.
+        Stochastic = "stochastic",
+    }
+);
+
+axis!(
+    /// In which direction splats are blended.
+    Composite = "composite" {
+        /// Front to back in batches, saturated pixels are skipped.
+        EarlyStop = "early-stop",
+        /// Back to front, every layer.
+        BackToFront = "back-to-front",
+        /// Front to back, every layer.
+        FrontToBack = "front-to-back",
+    }
+);
+
+axis!(
+    /// How splats are stored on the device.
+    Precision = "precision" {
+        /// f32 throughout.
+        F32 = "f32",
+        /// 16-bit attributes done right: f32 means, compact rotation and log-scale, f32 arithmetic.
+        F16 = "f16",
+        /// Everything in half floats, covariance too: shows the Quest report's halo.
+        F16Naive = "f16-naive",
+    }
+);
+
+axis!(
+    /// How spherical harmonics above the constant band are stored on the device.
+    ShPrecision = "sh-precision" {
+        /// f32.
+        F32 = "f32",
+        /// f16.
+        F16 = "f16",
+        /// 8 bits, scaled per splat.
+        U8 = "u8",
+    }
+);
+
+axis!(
+    /// Format of the image that splats are blended into.
+    TargetFormat = "target" {
+        /// 16-bit floats.
+        Rgba16F = "rgba16f",
+        /// 8 bits.
+        Rgba8 = "rgba8",
+        /// 10 bits, 2 of alpha.
+        Rgb10A2 = "rgb10a2",
+    }
+);
+
+axis!(
+    /// How a reduced resolution is brought back to full size.
+    Upscale = "upscale" {
+        /// Interleaved sampling, reconstructed from known sample positions.
+        Interleaved = "interleaved",
+        /// Interleaved sampling, gathered over eight frames.
+        InterleavedTemporal = "interleaved-temporal",
+        /// Bilinear.
+        Bilinear = "bilinear",
+    }
+);
+
+/// Everything that decides how a frame is drawn.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RenderConfig {
+    /// Where a splat becomes a polygon.
+    pub expansion: Expansion,
+    /// How a splat is projected.
+    pub projection: Projection,
+    /// The low-pass filter.
+    pub low_pass: LowPass,
+    /// The polygon that covers a splat.
+    pub shape: QuadShape,
+    /// How far that polygon reaches.
+    pub radius: RadiusRule,
+    /// Largest projected radius, as a fraction of the larger image side; the covariance is capped with it. ∞: no cap.
+    pub max_radius: f32,
+    /// What splats are ordered by.
+    pub order: OrderKey,
+    /// Bits of the sort key.
+    pub key_bits: KeyBits,
+    /// Who sorts.
+    pub sorter: Sorter,
+    /// An own order for each eye instead of one from the midpoint.
+    pub sort_per_eye: bool,
+    /// A new order every n-th frame (1: always the newest).
+    pub sort_interval: u32,
+    /// The direction of blending.
+    pub composite: Composite,
+    /// Early stop: batches per frame, `2 ..= 8`.
+    pub batches: u32,
+    /// Early stop: transmittance below which a pixel is finished.
+    pub stop_below: f32,
+    /// Storage of geometry on the device.
+    pub precision: Precision,
+    /// Storage of spherical harmonics on the device.
+    pub sh_precision: ShPrecision,
+    /// Highest spherical-harmonics degree that is evaluated, `0 ..= 3`.
+    pub sh_degree: u8,
+    /// Format of the blended image.
+    pub target: TargetFormat,
+    /// Side of the rendered image over the side of the shown one, `0.5 ..= 1`.
+    pub resolution_scale: f32,
+    /// The way back to full size.
+    pub upscale: Upscale,
+    /// Splats of lower opacity are left out.
+    pub min_opacity: f32,
+    /// Splats whose whole contribution (opacity · 2π √det, pixels) is lower are left out.
+    pub min_contribution: f32,
+    /// Nearest depth (distance, for radial projections) that is drawn, metres.
+    pub near: f32,
+    /// Splats fade in over this distance beyond `near`, metres. 0: none.
+    pub near_fade: f32,
+    /// Colour behind the splats, sRGB-encoded.
+    pub background: [f32; 3],
+    /// Time in a moving scene, `0 ..= 1`.
+    pub time: f32,
+}
+
+impl Default for RenderConfig {
+    fn default() -> Self {
+        Self {
+            expansion: Expansion::Precomputed,
+            projection: Projection::Tangent,
+            low_pass: LowPass::Planar,
+            shape: QuadShape::Octagon,
+            radius: RadiusRule::OpacityAware,
+            max_radius: f32::INFINITY,
+            order: OrderKey::Radial,
+            key_bits: KeyBits::B32,
+            sorter: Sorter::Cpu,
+            sort_per_eye: false,
+            sort_interval: 1,
+            composite: Composite::EarlyStop,
+            batches: 8,
+            stop_below: 1.0 / 255.0,
+            precision: Precision::F32,
+            sh_precision: ShPrecision::F32,
+            sh_degree: 3,
+            target: TargetFormat::Rgba16F,
+            resolution_scale: 1.0,
+            upscale: Upscale::Interleaved,
+            min_opacity: 1.0 / 255.0,
+            min_contribution: 0.0,
+            near: 0.05,
+            near_fade: 0.05,
+            background: [0.0; 3],
+            time: 0.0,
+        }
+    }
+}
+
+impl RenderConfig {
+    /// The trainers' semantics (INRIA): affine, depth order, near plane 0.2 without a fade, every layer, full reach.
+    pub fn inria() -> Self {
+        Self {
+            projection: Projection::Affine,
+            radius: RadiusRule::Full,
+            order: OrderKey::Depth,
+            composite: Composite::FrontToBack,
+            near: 0.2,
+            near_fade: 0.0,
+            ..Self::default()
+        }
+    }
+
+    /// The Quest report's viewer (`002`): geometry stage, square quads of radius √8, affine, back to front.
+    pub fn quest_report() -> Self {
+        Self {
+            expansion: Expansion::Geometry,
+            projection: Projection::Affine,
+            shape: QuadShape::Square,
+            radius: RadiusRule::Sqrt8,
+            order: OrderKey::Depth,
+            composite: Composite::BackToFront,
+            ..Self::default()
+        }
+    }
+}

@@ -1,0 +1,91 @@
+//! From where a picture is taken.
+
+use glam::{DMat3, DQuat, DVec3};
+
+/// Tangents of the four half-angles of a (possibly asymmetric) perspective frustum, each measured from the
+/// forward axis: `left` and `up` are usually negative (x points right, y points **down**).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fov {
+    /// Tangent of the angle to the left edge (x = left at depth 1).
+    pub left: f64,
+    /// Tangent of the angle to the right edge.
+    pub right: f64,
+    /// Tangent of the angle to the upper edge (negative: y points down).
+    pub up: f64,
+    /// Tangent of the angle to the lower edge.
+    pub down: f64,
+}
+
+/// One picture to take: pose, field of view and size.
+///
+/// Eye axes are the trainers' (COLMAP's): x right, y down, z forward. Pixel `(i, j)` has its centre at `(i + ½, j + ½)`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct View {
+    /// World-to-eye rotation.
+    pub rotation: DMat3,
+    /// The eye, in scene axes (metres).
+    pub eye: DVec3,
+    /// Field of view.
+    pub fov: Fov,
+    /// Width and height, pixels.
+    pub size: [u32; 2],
+}
+
+impl Fov {
+    /// A symmetric field of view with square pixels, from the full vertical angle in radians.
+    pub fn vertical(angle: f64, size: [u32; 2]) -> Self {
+        let t = (angle / 2.0).tan();
+        let s = t * f64::from(size[0]) / f64::from(size[1]);
+        Self { left: -s, right: s, up: -t, down: t }
+    }
+
+    /// From pinhole intrinsics in pixels; `cx`, `cy` in pixel-edge coordinates (the image's centre is `width / 2`).
+    pub fn pinhole(fx: f64, fy: f64, cx: f64, cy: f64, size: [u32; 2]) -> Self {
+        Self {
+            left: -cx / fx,
+            right: (f64::from(size[0]) - cx) / fx,
+            up: -cy / fy,
+            down: (f64::from(size[1]) - cy) / fy,
+        }
+    }
+}
+
+impl View {
+    /// A view from `eye` towards `target`; `up` is the world's upward direction.
+    /// Where `up` and the line of sight are parallel another direction is taken for `up`.
+    pub fn look_at(eye: DVec3, target: DVec3, up: DVec3, fov: Fov, size: [u32; 2]) -> Self {
+        let forward = (target - eye).try_normalize().unwrap_or(DVec3::Z);
+        let right = forward
+            .cross(up)
+            .try_normalize()
+            .unwrap_or_else(|| forward.any_orthonormal_vector());
+        let down = forward.cross(right);
+        Self { rotation: DMat3::from_cols(right, down, forward).transpose(), eye, fov, size }
+    }
+
+    /// From an orientation that turns eye axes (x right, **y up, z back**, as in OpenXR and OpenGL) to the world.
+    pub fn from_gl_pose(orientation: DQuat, eye: DVec3, fov: Fov, size: [u32; 2]) -> Self {
+        let world_to_gl = DMat3::from_quat(orientation.conjugate());
+        let flip = DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
+        Self { rotation: flip * world_to_gl, eye, fov, size }
+    }
+
+    /// Focal lengths in pixels, horizontal and vertical.
+    pub fn focal(&self) -> [f64; 2] {
+        [
+            f64::from(self.size[0]) / (self.fov.right - self.fov.left),
+            f64::from(self.size[1]) / (self.fov.down - self.fov.up),
+        ]
+    }
+
+    /// Principal point in pixel-edge coordinates.
+    pub fn principal_point(&self) -> [f64; 2] {
+        let [fx, fy] = self.focal();
+        [-self.fov.left * fx, -self.fov.up * fy]
+    }
+
+    /// A world position in eye axes.
+    pub fn to_eye(&self, world: DVec3) -> DVec3 {
+        self.rotation * (world - self.eye)
+    }
+}

@@ -1,0 +1,71 @@
+//! The one in-memory form of a scene, a structure of arrays.
+
+/// The constant band of the real spherical harmonics, `1 / (2 √π)`: colour = ½ + `SH_C0` · dc.
+pub const SH_C0: f32 = 0.282_094_79;
+
+/// Number of spherical-harmonics coefficients per colour channel for a degree: `(degree + 1)²`.
+pub const fn sh_coefficients(degree: u8) -> usize {
+    let n = degree as usize + 1;
+    n * n
+}
+
+/// A scene's splats, all arrays of equal length [`Splats::len`].
+///
+/// Conventions, whatever the file said:
+/// * **Axes** are the file's own. Which way is up, and how long a unit is, belong to the scene's settings
+///   and are applied to the view, never to the data. World scale 1 means one unit is one metre.
+/// * **Every value is finite**: readers drop splats that are not, and count them.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Splats {
+    /// Added to every mean, in f64: zero, or the centre of a scene far from its origin (georeferenced
+    /// scenes lie 10⁶ m out, where an f32 resolves only 6 cm).
+    pub origin: [f64; 3],
+    /// Means relative to `origin`, metres, scene axes.
+    pub means: Vec<[f32; 3]>,
+    /// Unit quaternions `(x, y, z, w)` that rotate splat axes to scene axes.
+    pub rotations: Vec<[f32; 4]>,
+    /// Natural logarithm of the standard deviations along the splat's axes, metres.
+    pub log_scales: Vec<[f32; 3]>,
+    /// Opacity at the centre, `0 ..= 1` (not a logit: files that say exactly 0 or 1 mean it).
+    pub opacities: Vec<f32>,
+    /// Degree of the spherical harmonics, `0 ..= 3`.
+    pub sh_degree: u8,
+    /// `[r, g, b]` coefficients, [`sh_coefficients`]`(sh_degree)` per splat, constant band first:
+    /// colour (sRGB-encoded, as trained) = `max(0, ½ + Σ sh[k] · Y_k(direction from eye to splat))`.
+    pub sh: Vec<[f32; 3]>,
+    /// Motion over time; absent in a static scene.
+    pub motion: Option<Motion>,
+    /// A class per splat, 0 = unlabelled; absent where nobody labelled the scene.
+    pub labels: Option<Vec<u16>>,
+}
+
+/// Motion of every splat (Spacetime Gaussians, lite model; Li et al. 2023), with `dt = t − centers[i]`, `t ∈ [0, 1]`.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Motion {
+    /// Time at which the splat is most opaque.
+    pub centers: Vec<f32>,
+    /// Width of the temporal falloff: opacity is multiplied by `exp(−(dt / widths)²)`. Positive; `f32::MAX` means always there.
+    pub widths: Vec<f32>,
+    /// Polynomial coefficients of the position: mean + `p[0] dt + p[1] dt² + p[2] dt³`, metres.
+    pub polynomials: Vec<[[f32; 3]; 3]>,
+    /// Change of the (unit) quaternion per unit of time, `(x, y, z, w)`: `normalize(rotation + dt · omega)`.
+    pub omegas: Vec<[f32; 4]>,
+}
+
+impl Splats {
+    /// Number of splats.
+    pub fn len(&self) -> usize {
+        self.means.len()
+    }
+
+    /// Whether there is no splat at all.
+    pub fn is_empty(&self) -> bool {
+        self.means.is_empty()
+    }
+
+    /// The spherical-harmonics coefficients of splat `i`, constant band first.
+    pub fn sh_of(&self, i: usize) -> &[[f32; 3]] {
+        let n = sh_coefficients(self.sh_degree);
+        &self.sh[i * n..(i + 1) * n]
+    }
+}

@@ -1,0 +1,1 @@
+//! Shader sources, compiled at build time, and the layouts they share with the host.

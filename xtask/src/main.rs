@@ -1,0 +1,2 @@
+//! `cargo xtask`: set-up, view, test, pack.
+fn main() {}
