@@ -1,2 +1,73 @@
-//! `cargo xtask`: set-up, view, test, pack.
-fn main() {}
+//! `cargo xtask`: everything around the program that is not the program itself.
+//!
+//! It sets a machine up, shows a scene, runs the tests on the pinned driver, and packs the Android
+//! application. `cargo xtask help` lists the commands. It builds with nothing but Rust and a C linker,
+//! because it is what installs the rest.
+
+mod ci;
+mod driver;
+mod host;
+mod prefix;
+mod shell;
+mod test;
+mod workspace;
+
+use std::process::ExitCode;
+
+use shell::{Failure, Result};
+
+const HELP: &str = "\
+cargo xtask COMMAND
+
+  setup                       find and install what building, viewing and testing need
+  test [CARGO TEST OPTIONS]   run the tests on the pinned CPU driver (all packages unless -p is given)
+  run-on-driver -- COMMAND    run COMMAND (a program, or cargo) on the pinned driver
+  ci                          everything that a change must pass: format, lints, documentation, tests, Android
+
+Environment
+  MOTES_DRIVER=DIR            use the driver prefix in DIR instead of making one in the user's cache
+  MOTES_SCENES=DIR            where the large sample scenes are (default: ../shared/scenes beside the project)
+  MOTES_DEBIAN_MIRROR=URL     where to fetch the pinned driver from, on a system without Debian's own mirror
+";
+
+fn main() -> ExitCode {
+    let mut arguments = std::env::args().skip(1);
+    let command = arguments.next().unwrap_or_else(|| "help".into());
+    match dispatch(&command, &arguments.collect::<Vec<_>>()) {
+        Ok(code) => code,
+        Err(failure) => {
+            eprintln!("xtask {command}: {failure}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn dispatch(command: &str, arguments: &[String]) -> Result<ExitCode> {
+    match command {
+        "setup" => {
+            no_arguments(command, arguments)?;
+            host::provide(host::Purpose::Test)?;
+            let driver = driver::provide()?;
+            shell::say(&format!("everything is there. Driver for tests: {}", driver.description()));
+            Ok(ExitCode::SUCCESS)
+        }
+        "test" => test::test(arguments),
+        "run-on-driver" => test::run_on_driver(arguments),
+        "ci" => {
+            no_arguments(command, arguments)?;
+            ci::ci()
+        }
+        "help" | "--help" | "-h" => {
+            print!("{HELP}");
+            Ok(ExitCode::SUCCESS)
+        }
+        other => Err(Failure::new(format!("there is no such command: {other:?}\n\n{HELP}"))),
+    }
+}
+
+fn no_arguments(command: &str, arguments: &[String]) -> Result<()> {
+    match arguments.first() {
+        None => Ok(()),
+        Some(extra) => Err(Failure::new(format!("{command} takes no arguments, but got {extra:?}"))),
+    }
+}
