@@ -55,10 +55,7 @@ impl View {
     /// Where `up` and the line of sight are parallel another direction is taken for `up`.
     pub fn look_at(eye: DVec3, target: DVec3, up: DVec3, fov: Fov, size: [u32; 2]) -> Self {
         let forward = (target - eye).try_normalize().unwrap_or(DVec3::Z);
-        let right = forward
-            .cross(up)
-            .try_normalize()
-            .unwrap_or_else(|| forward.any_orthonormal_vector());
+        let right = forward.cross(up).try_normalize().unwrap_or_else(|| forward.any_orthonormal_vector());
         let down = forward.cross(right);
         Self { rotation: DMat3::from_cols(right, down, forward).transpose(), eye, fov, size }
     }

@@ -1,0 +1,178 @@
+//! From ordered candidates to pixels.
+
+use glam::DVec2;
+use rayon::prelude::*;
+
+use super::prepare::{TILE, TileRect};
+use super::{ReferenceError, ReferenceImage, ReferenceOptions, ReferenceOrder, ReferencePixel};
+use crate::projection::{MAX_ALPHA, MIN_ALPHA};
+use crate::view::View;
+
+/// How far pixels are from a splat's mean.
+pub(super) trait Footprint: Send + Sync {
+    /// Squared distance in standard deviations of the pixel with this centre (pixel-edge coordinates) and these
+    /// slopes from the mean, and the eye depth that the splat has there. A result that is not finite, or a depth that
+    /// is not positive, is nothing.
+    fn at(&self, pixel: DVec2, slope: DVec2) -> (f64, f64);
+}
+
+/// A splat that some pixel may see.
+pub(super) struct Candidate<F> {
+    /// What it is ordered by.
+    pub key: f64,
+    /// Tiles that it may reach.
+    pub tiles: TileRect,
+    /// How it falls off.
+    pub footprint: F,
+    /// Opacity at the mean, fade and compensation included.
+    pub opacity: f64,
+    /// Colour from this eye.
+    pub colour: [f64; 3],
+    /// Squared distance, in standard deviations, beyond which it is not drawn.
+    pub limit: f64,
+}
+
+impl<F: Footprint> Candidate<F> {
+    /// Alpha at a pixel and the depth there, where it is drawn.
+    fn alpha(&self, pixel: DVec2, slope: DVec2) -> Option<(f64, f64)> {
+        let (square, depth) = self.footprint.at(pixel, slope);
+        // The limit is the radius at which alpha is 1/255, or less: a hair more here, and the test on alpha decides.
+        if !(square >= 0.0 && square <= self.limit * (1.0 + 1e-12) && depth > 0.0) {
+            return None;
+        }
+        let alpha = (self.opacity * (-0.5 * square).exp()).min(MAX_ALPHA);
+        (alpha >= MIN_ALPHA).then_some((alpha, depth))
+    }
+}
+
+/// Blends candidates, which are in order, into every pixel.
+pub(super) fn rasterise<F: Footprint>(
+    candidates: &[Candidate<F>],
+    view: &View,
+    options: &ReferenceOptions,
+) -> Result<ReferenceImage, ReferenceError> {
+    let [width, height] = view.size;
+    let mut pixels = Vec::new();
+    let count = width as usize * height as usize;
+    pixels.try_reserve_exact(count).map_err(|_| ReferenceError::Memory(width, height))?;
+    pixels.resize(count, Blend::default().finish(options));
+
+    let columns = width.div_ceil(TILE);
+    let tile_pairs = pixels
+        .par_chunks_mut((width * TILE) as usize)
+        .enumerate()
+        .map(|(row, pixels)| {
+            // Whole rows and columns of tiles are filtered in place: lists per tile of splats that fill the screen
+            // would need memory without bound.
+            let row = row as u32;
+            let in_row: Vec<&Candidate<F>> = candidates.iter().filter(|c| contains(c.tiles.y, row)).collect();
+            let mut in_tile = Vec::new();
+            let mut pairs = 0;
+            for column in 0..columns {
+                in_tile.clear();
+                in_tile.extend(in_row.iter().copied().filter(|c| contains(c.tiles.x, column)));
+                pairs += in_tile.len() as u64;
+                for (line, pixels) in pixels.chunks_mut(width as usize).enumerate() {
+                    let y = row * TILE + line as u32;
+                    for x in column * TILE..((column + 1) * TILE).min(width) {
+                        pixels[x as usize] = shade(&in_tile, x, y, view, options);
+                    }
+                }
+            }
+            pairs
+        })
+        .sum();
+    Ok(ReferenceImage { size: view.size, pixels, visible: candidates.len(), tile_pairs })
+}
+
+fn contains(range: [u32; 2], value: u32) -> bool {
+    range[0] <= value && value < range[1]
+}
+
+/// One pixel: all its candidates, front to back.
+fn shade<F: Footprint>(
+    candidates: &[&Candidate<F>],
+    x: u32,
+    y: u32,
+    view: &View,
+    options: &ReferenceOptions,
+) -> ReferencePixel {
+    let pixel = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+    let fov = &view.fov;
+    let slope = DVec2::new(
+        fov.left + (fov.right - fov.left) * pixel.x / f64::from(view.size[0]),
+        fov.up + (fov.down - fov.up) * pixel.y / f64::from(view.size[1]),
+    );
+    let mut blend = Blend::default();
+    if options.order == ReferenceOrder::AlongRay {
+        let mut hits: Vec<_> =
+            candidates.iter().filter_map(|c| c.alpha(pixel, slope).map(|(a, depth)| (depth, a, c))).collect();
+        hits.sort_by(|a, b| a.0.total_cmp(&b.0));
+        for (depth, alpha, candidate) in hits {
+            if !blend.add(alpha, depth, candidate.colour, options) {
+                break;
+            }
+        }
+    } else {
+        for candidate in candidates {
+            if let Some((alpha, depth)) = candidate.alpha(pixel, slope)
+                && !blend.add(alpha, depth, candidate.colour, options)
+            {
+                break;
+            }
+        }
+    }
+    blend.finish(options)
+}
+
+/// A pixel while it is blended.
+struct Blend {
+    colour: [f64; 3],
+    transmittance: f64,
+    median_depth: f64,
+    layers: u32,
+    layers_until: u32,
+}
+
+impl Default for Blend {
+    fn default() -> Self {
+        Self { colour: [0.0; 3], transmittance: 1.0, median_depth: f64::INFINITY, layers: 0, layers_until: 0 }
+    }
+}
+
+impl Blend {
+    /// Blends a layer behind those before; `false` where the pixel is finished and the layer was not blended.
+    fn add(&mut self, alpha: f64, depth: f64, colour: [f64; 3], options: &ReferenceOptions) -> bool {
+        let after = self.transmittance * (1.0 - alpha);
+        if after < options.stop_below {
+            return false;
+        }
+        for (sum, c) in self.colour.iter_mut().zip(colour) {
+            *sum += self.transmittance * alpha * c;
+        }
+        self.layers += 1;
+        if self.transmittance >= options.count_until {
+            self.layers_until += 1;
+        }
+        if self.transmittance >= 0.5 && after < 0.5 {
+            self.median_depth = depth;
+        }
+        self.transmittance = after;
+        true
+    }
+
+    /// Adds the background.
+    fn finish(self, options: &ReferenceOptions) -> ReferencePixel {
+        let mut colour = self.colour;
+        for (sum, b) in colour.iter_mut().zip(options.background) {
+            *sum += self.transmittance * b;
+        }
+        ReferencePixel {
+            colour,
+            transmittance: self.transmittance,
+            median_depth: self.median_depth,
+            layers: self.layers,
+            layers_until: self.layers_until,
+        }
+    }
+}
