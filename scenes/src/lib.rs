@@ -3,6 +3,7 @@
 //! This crate knows files and splats, and nothing of Vulkan or windows. Its one in-memory form is
 //! [`Splats`]; its way in is [`load`].
 
+pub mod cameras;
 mod error;
 mod splats;
 
