@@ -136,7 +136,7 @@ impl Camera {
             );
         }
         let off = distance_from_rotation(&self.rotation);
-        if !(off <= ROTATION_TOLERANCE) {
+        if !(0.0..=ROTATION_TOLERANCE).contains(&off) {
             return refuse(
                 format!(
                     "the pose's 3 × 3 part is not a rotation (it is off by {off:.3e}, allowed {ROTATION_TOLERANCE:.0e}): {:?}",
