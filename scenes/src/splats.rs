@@ -69,3 +69,90 @@ impl Splats {
         &self.sh[i * n..(i + 1) * n]
     }
 }
+
+impl Splats {
+    /// `n` splats, all zero (not yet valid: readers fill them in). Pages are only touched when written to.
+    pub fn zeroed(n: usize, sh_degree: u8, moving: bool) -> Self {
+        Self {
+            origin: [0.0; 3],
+            means: vec![[0.0; 3]; n],
+            rotations: vec![[0.0; 4]; n],
+            log_scales: vec![[0.0; 3]; n],
+            opacities: vec![0.0; n],
+            sh_degree,
+            sh: vec![[0.0; 3]; n * sh_coefficients(sh_degree)],
+            motion: moving.then(|| Motion::zeroed(n)),
+            labels: None,
+        }
+    }
+
+    /// Bytes that a splat takes here, without labels.
+    pub const fn bytes_per_splat(sh_degree: u8, moving: bool) -> usize {
+        let motion = if moving { 4 + 4 + 36 + 16 } else { 0 };
+        12 + 16 + 12 + 4 + 12 * sh_coefficients(sh_degree) + motion
+    }
+
+    /// Mean of splat `i` in scene axes, `origin` included, metres.
+    pub fn mean_of(&self, i: usize) -> [f64; 3] {
+        std::array::from_fn(|k| self.origin[k] + f64::from(self.means[i][k]))
+    }
+
+    /// Keeps the splats for which `keep` says so (called once each, in order), in their order and in place.
+    pub fn retain(&mut self, keep: impl Fn(usize) -> bool) {
+        fn each<T>(values: &mut Vec<T>, keep: &impl Fn(usize) -> bool) {
+            let mut i = 0;
+            values.retain(|_| {
+                i += 1;
+                keep(i - 1)
+            });
+        }
+        let coefficients = sh_coefficients(self.sh_degree);
+        each(&mut self.means, &keep);
+        each(&mut self.rotations, &keep);
+        each(&mut self.log_scales, &keep);
+        each(&mut self.opacities, &keep);
+        each(&mut self.sh, &|k| keep(k / coefficients));
+        if let Some(motion) = &mut self.motion {
+            each(&mut motion.centers, &keep);
+            each(&mut motion.widths, &keep);
+            each(&mut motion.polynomials, &keep);
+            each(&mut motion.omegas, &keep);
+        }
+        if let Some(labels) = &mut self.labels {
+            each(labels, &keep);
+        }
+    }
+
+    /// Raises the spherical harmonics to a higher degree by appending zeros, or cuts them to a lower one.
+    pub fn set_sh_degree(&mut self, degree: u8) {
+        let (old, new, n) = (sh_coefficients(self.sh_degree), sh_coefficients(degree), self.len());
+        self.sh_degree = degree;
+        if new > old {
+            // In place, from the back, so that the array never exists twice.
+            self.sh.reserve_exact(n * (new - old));
+            self.sh.resize(n * new, [0.0; 3]);
+            for i in (0..n).rev() {
+                self.sh.copy_within(i * old..(i + 1) * old, i * new);
+                self.sh[i * new + old..(i + 1) * new].fill([0.0; 3]);
+            }
+        } else if new < old {
+            for i in 0..n {
+                self.sh.copy_within(i * old..i * old + new, i * new);
+            }
+            self.sh.truncate(n * new);
+            self.sh.shrink_to_fit();
+        }
+    }
+}
+
+impl Motion {
+    /// Motion of `n` splats, all zero, always there.
+    pub fn zeroed(n: usize) -> Self {
+        Self {
+            centers: vec![0.0; n],
+            widths: vec![f32::MAX; n],
+            polynomials: vec![[[0.0; 3]; 3]; n],
+            omegas: vec![[0.0; 4]; n],
+        }
+    }
+}
