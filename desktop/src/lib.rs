@@ -1,1 +1,4 @@
 //! The `motes` command's parts, shared with the tests.
+
+pub mod commands;
+pub mod measure;

@@ -1,0 +1,3 @@
+//! What the `motes` command can do, one module per subcommand: each has its arguments and a `run`.
+
+pub mod compare;
