@@ -409,6 +409,23 @@ mod tests {
         }
     }
 
+    /// On the axis, with square pixels, both filters are the same; else the 3-D one takes the mean of both directions.
+    #[test]
+    fn volumetric_filter_is_as_wide_as_the_planar_one() {
+        let at = |low_pass, focal: [f64; 2], mean| {
+            let size = [200, 100];
+            let view = View { fov: Fov::pinhole(focal[0], focal[1], 100.0, 50.0, size), size, ..view() };
+            let splat = EyeSplat::new(&view, low_pass, mean, rotation(3.0), DVec3::new(0.02, 0.03, 0.01));
+            covariance2(&splat.affine_columns(&view.fov, focal))
+        };
+        let mean = DVec3::new(0.0, 0.0, 3.0);
+        let square = at(LowPass::Planar, [80.0, 80.0], mean) - at(LowPass::Volumetric, [80.0, 80.0], mean);
+        assert!(square.to_cols_array().iter().all(|d| d.abs() < 1e-12));
+        let added = at(LowPass::Volumetric, [80.0, 45.0], mean) - at(LowPass::Off, [80.0, 45.0], mean);
+        let expected = DMat2::from_diagonal(DVec2::new(0.3 * 80.0 / 45.0, 0.3 * 45.0 / 80.0));
+        assert!((added - expected).to_cols_array().iter().all(|d| d.abs() < 1e-12), "{added}");
+    }
+
     /// The tangent plane seen in the image, to first order at the mean, is the (unclamped) affine projection.
     #[test]
     fn tangent_and_affine_agree_to_first_order() {
@@ -434,7 +451,10 @@ mod tests {
 
     #[test]
     fn rows_of_the_ray_form_have_the_same_covariance() {
-        for splat in splats(LowPass::Planar) {
+        // A reflection onto an axis that a row already lies on, backwards, has no direction of its own.
+        let backwards = [DVec3::NEG_X, DVec3::NEG_Y * 2.0, DVec3::NEG_Z, DVec3::ZERO, DVec3::ZERO];
+        let backwards = EyeSplat { mean: DVec3::Z, columns: backwards };
+        for splat in splats(LowPass::Planar).chain([backwards]) {
             let c = covariance(&splat.columns);
             let l = RaySplat::from(&splat).rows;
             for i in 0..3 {

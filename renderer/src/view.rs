@@ -1,6 +1,7 @@
 //! From where a picture is taken.
 
 use glam::{DMat3, DQuat, DVec3};
+use motes_scenes::cameras::Camera;
 
 /// Tangents of the four half-angles of a (possibly asymmetric) perspective frustum, each measured from the
 /// forward axis: `left` and `up` are usually negative (x points right, y points **down**).
@@ -67,6 +68,17 @@ impl View {
         Self { rotation: flip * world_to_gl, eye, fov, size }
     }
 
+    /// The view of a data set's camera, at the size of its photograph.
+    pub fn from_camera(camera: &Camera) -> Self {
+        let size = [camera.width, camera.height];
+        Self {
+            rotation: DMat3::from_cols_array_2d(&camera.rotation).transpose(),
+            eye: DVec3::from_array(camera.position()),
+            fov: Fov::pinhole(camera.fx, camera.fy, camera.cx, camera.cy, size),
+            size,
+        }
+    }
+
     /// Focal lengths in pixels, horizontal and vertical.
     pub fn focal(&self) -> [f64; 2] {
         [
@@ -84,5 +96,43 @@ impl View {
     /// A world position in eye axes.
     pub fn to_eye(&self, world: DVec3) -> DVec3 {
         self.rotation * (world - self.eye)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A camera's own pinhole equation, applied to a point, lands where the view's focal lengths and principal point say.
+    #[test]
+    fn a_cameras_view_projects_as_the_camera_does() {
+        let turn = DMat3::from_quat(DQuat::from_xyzw(0.1, -0.4, 0.2, 0.9).normalize());
+        let camera = Camera {
+            name: "one".to_owned(),
+            width: 640,
+            height: 360,
+            fx: 500.0,
+            fy: 450.0,
+            cx: 300.0,
+            cy: 190.0,
+            rotation: turn.transpose().to_cols_array_2d(),
+            translation: [0.5, -1.0, 2.0],
+            photograph: String::new(),
+            image: None,
+            split: None,
+            time: None,
+            inputs: Vec::new(),
+        };
+        let view = View::from_camera(&camera);
+        let world = DVec3::new(0.3, 0.2, 5.0);
+        let eye = turn * world + DVec3::from_array(camera.translation);
+        assert!((view.to_eye(world) - eye).length() < 1e-12);
+        let ([fx, fy], [cx, cy]) = (view.focal(), view.principal_point());
+        let pixel = [fx * eye.x / eye.z + cx, fy * eye.y / eye.z + cy];
+        let expected = [500.0 * eye.x / eye.z + 300.0, 450.0 * eye.y / eye.z + 190.0];
+        assert!((pixel[0] - expected[0]).abs() < 1e-9 && (pixel[1] - expected[1]).abs() < 1e-9);
+        // Control: rows and columns of the rotation are not the same thing.
+        let transposed = View { rotation: view.rotation.transpose(), ..view };
+        assert!((transposed.to_eye(world) - eye).length() > 0.1);
     }
 }

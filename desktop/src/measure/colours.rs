@@ -18,8 +18,8 @@ impl ColourMap {
             Self::Magma => colorous::MAGMA,
             Self::Viridis => colorous::VIRIDIS,
         };
-        // NaN becomes 0.
-        scale.eval_continuous(value.max(0.0).min(1.0)).as_array()
+        let value = if value.is_nan() { 0.0 } else { value.clamp(0.0, 1.0) };
+        scale.eval_continuous(value).as_array()
     }
 }
 
