@@ -26,6 +26,8 @@ mod prepare;
 mod raster;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod textbook;
 
 use glam::DVec3;
 use motes_scenes::{Splats, sh_coefficients};
