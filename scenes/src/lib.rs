@@ -7,6 +7,7 @@
 //! (finite values, unit quaternions) and counts what it had to drop, in the scene's [`LoadReport`].
 
 pub mod cameras;
+mod chunks;
 mod error;
 mod format;
 mod formats;

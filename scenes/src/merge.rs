@@ -46,9 +46,7 @@ fn shift_to(splats: &mut Splats, origin: [f64; 3]) -> f64 {
     splats.origin = origin;
     if shift != [0.0; 3] {
         for mean in &mut splats.means {
-            for k in 0..3 {
-                mean[k] = (f64::from(mean[k]) + shift[k]) as f32;
-            }
+            *mean = std::array::from_fn(|k| (f64::from(mean[k]) + shift[k]) as f32);
         }
     }
     shift.iter().fold(0.0, |worst, v| v.abs().max(worst))

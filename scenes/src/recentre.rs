@@ -17,13 +17,9 @@ pub(crate) fn recentre(splats: &mut Splats) {
         return;
     }
     for mean in &mut splats.means {
-        for k in 0..3 {
-            mean[k] = (f64::from(mean[k]) - shift[k]) as f32;
-        }
+        *mean = std::array::from_fn(|k| (f64::from(mean[k]) - shift[k]) as f32);
     }
-    for k in 0..3 {
-        splats.origin[k] += shift[k];
-    }
+    splats.origin = std::array::from_fn(|k| splats.origin[k] + shift[k]);
 }
 
 /// The origin for a scene of which these means are a sample: their median, rounded to whole metres, where that

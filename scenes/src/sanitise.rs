@@ -4,8 +4,9 @@ use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 
+use crate::Splats;
+use crate::chunks::SplatsMut;
 use crate::report::DropReason;
-use crate::{Splats, sh_coefficients};
 
 /// Largest coordinate, metres: its square, and its product with [`MAX_TIME`]³, still fit an f32.
 pub const MAX_LENGTH: f32 = 1e15;
@@ -19,8 +20,8 @@ pub const MAX_LOG_SCALE: f32 = 40.0;
 pub const MAX_SH: f32 = 1e30;
 /// Smallest time width: narrower ones would be visible in no frame, and zero is not a number at its centre.
 pub const MIN_WIDTH: f32 = 1e-6;
-/// Smallest squared length of a quaternion that still is one.
-const MIN_QUATERNION: f32 = 1e-6;
+/// Smallest length of a quaternion that still is one: `|q|² ≥ 10⁻⁶`.
+const MIN_QUATERNION: f64 = 1e-3;
 
 /// What [`sanitise`] did.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -34,7 +35,7 @@ pub struct Sanitised {
 }
 
 /// Splats per unit of work.
-const CHUNK: usize = 1 << 14;
+const CHUNK: usize = 1 << 12;
 
 /// Drops and counts splats with values that no picture can be made of, normalises quaternions (and divides
 /// [`crate::Motion::omegas`] by the same length), bounds scales, opacities and time widths. Order is kept.
@@ -42,128 +43,8 @@ const CHUNK: usize = 1 << 14;
 /// Guards are in their positive form, so that NaN fails them.
 pub fn sanitise(splats: &mut Splats) -> Sanitised {
     let n = splats.len();
-    // One chunk's verdicts: (index, reason) of what goes, and the counts of what was changed.
-    #[derive(Default)]
-    struct Found {
-        drops: Vec<(usize, DropReason)>,
-        raised_scales: usize,
-        bounded_widths: usize,
-    }
-    let merge = |mut a: Found, b: Found| {
-        a.drops.extend(b.drops);
-        a.raised_scales += b.raised_scales;
-        a.bounded_widths += b.bounded_widths;
-        a
-    };
-
-    let coefficients = sh_coefficients(splats.sh_degree);
-    let fixed = (
-        splats.means.par_chunks(CHUNK),
-        splats.rotations.par_chunks_mut(CHUNK),
-        splats.log_scales.par_chunks_mut(CHUNK),
-        splats.opacities.par_chunks_mut(CHUNK),
-        splats.sh.par_chunks(CHUNK * coefficients),
-    );
-    let judge_static = |(chunk, (means, rotations, scales, opacities, sh)): (
-        usize,
-        (&[[f32; 3]], &mut [[f32; 4]], &mut [[f32; 3]], &mut [f32], &[[f32; 3]]),
-    )| {
-        let mut found = Found::default();
-        let mut lengths = Vec::with_capacity(means.len());
-        for i in 0..means.len() {
-            let q = &mut rotations[i];
-            let squared = q.iter().map(|v| v * v).sum::<f32>();
-            // Where the square overflows, the quaternion is finite but the length in f32 is not.
-            let length = if squared < f32::MAX {
-                squared.sqrt()
-            } else {
-                q.iter().map(|v| f64::from(*v).powi(2)).sum::<f64>().sqrt() as f32
-            };
-            lengths.push(length);
-            let reason = if !means[i].iter().all(|v| v.abs() <= MAX_LENGTH) {
-                Some(DropReason::Mean)
-            } else if !(length <= f32::MAX) {
-                Some(DropReason::Rotation)
-            } else if !(squared >= MIN_QUATERNION) {
-                Some(DropReason::ZeroRotation)
-            } else if !scales[i].iter().all(|v| *v <= MAX_LOG_SCALE) {
-                Some(DropReason::Scale)
-            } else if !(opacities[i] >= f32::NEG_INFINITY) {
-                Some(DropReason::Opacity)
-            } else if !sh[i * coefficients..(i + 1) * coefficients]
-                .as_flattened()
-                .iter()
-                .all(|v| v.abs() <= MAX_SH)
-            {
-                Some(DropReason::Color)
-            } else {
-                None
-            };
-            if let Some(reason) = reason {
-                found.drops.push((chunk * CHUNK + i, reason));
-                continue;
-            }
-            for v in q.iter_mut() {
-                *v /= length;
-            }
-            for v in &mut scales[i] {
-                if *v < MIN_LOG_SCALE {
-                    *v = MIN_LOG_SCALE;
-                    found.raised_scales += 1;
-                }
-            }
-            opacities[i] = opacities[i].clamp(0.0, 1.0);
-        }
-        (found, lengths)
-    };
-
-    let mut found = if let Some(motion) = &mut splats.motion {
-        let moving = (
-            motion.centers.par_chunks(CHUNK),
-            motion.widths.par_chunks_mut(CHUNK),
-            motion.polynomials.par_chunks(CHUNK),
-            motion.omegas.par_chunks_mut(CHUNK),
-        );
-        (fixed, moving)
-            .into_par_iter()
-            .enumerate()
-            .map(|(chunk, (fixed, (centers, widths, polynomials, omegas)))| {
-                let (mut found, lengths) = judge_static((chunk, fixed));
-                let dropped: Vec<usize> = found.drops.iter().map(|d| d.0 - chunk * CHUNK).collect();
-                let mut next = dropped.iter().copied().peekable();
-                for i in 0..centers.len() {
-                    if next.next_if_eq(&i).is_some() {
-                        continue;
-                    }
-                    let reason = if !(polynomials[i].as_flattened().iter().all(|v| v.abs() <= MAX_LENGTH)
-                        && omegas[i].iter().all(|v| v.abs() <= MAX_LENGTH))
-                    {
-                        Some(DropReason::Motion)
-                    } else if !(centers[i].abs() <= MAX_TIME && widths[i] >= 0.0) {
-                        Some(DropReason::Time)
-                    } else {
-                        None
-                    };
-                    if let Some(reason) = reason {
-                        found.drops.push((chunk * CHUNK + i, reason));
-                        continue;
-                    }
-                    for v in &mut omegas[i] {
-                        *v /= lengths[i];
-                    }
-                    let width = widths[i].clamp(MIN_WIDTH, f32::MAX);
-                    if width != widths[i] {
-                        widths[i] = width;
-                        found.bounded_widths += 1;
-                    }
-                }
-                found
-            })
-            .reduce(Found::default, merge)
-    } else {
-        fixed.into_par_iter().enumerate().map(|c| judge_static(c).0).reduce(Found::default, merge)
-    };
-
+    let mut found =
+        SplatsMut::all(splats).chunks(CHUNK).into_par_iter().map(judge).reduce(Found::default, Found::with);
     let mut dropped = BTreeMap::new();
     for (_, reason) in &found.drops {
         *dropped.entry(*reason).or_default() += 1;
@@ -176,4 +57,92 @@ pub fn sanitise(splats: &mut Splats) -> Sanitised {
         splats.retain(|i| !gone[i]);
     }
     Sanitised { dropped, raised_scales: found.raised_scales, bounded_widths: found.bounded_widths }
+}
+
+/// What was found in some of the splats.
+#[derive(Default)]
+struct Found {
+    drops: Vec<(usize, DropReason)>,
+    raised_scales: usize,
+    bounded_widths: usize,
+}
+
+impl Found {
+    fn with(mut self, other: Self) -> Self {
+        self.drops.extend(other.drops);
+        self.raised_scales += other.raised_scales;
+        self.bounded_widths += other.bounded_widths;
+        self
+    }
+}
+
+fn judge(mut splats: SplatsMut<'_>) -> Found {
+    let mut found = Found::default();
+    for i in 0..splats.len() {
+        let length = length(splats.rotations[i]);
+        if let Some(reason) = reason_to_drop(&splats, i, length) {
+            found.drops.push((splats.first + i, reason));
+            continue;
+        }
+        let divide = |q: &mut [f32; 4]| *q = q.map(|v| (f64::from(v) / length) as f32);
+        divide(&mut splats.rotations[i]);
+        for v in &mut splats.log_scales[i] {
+            if *v < MIN_LOG_SCALE {
+                *v = MIN_LOG_SCALE;
+                found.raised_scales += 1;
+            }
+        }
+        splats.opacities[i] = splats.opacities[i].clamp(0.0, 1.0);
+        if let Some(motion) = &mut splats.motion {
+            divide(&mut motion.omegas[i]);
+            let width = motion.widths[i].clamp(MIN_WIDTH, f32::MAX);
+            if width != motion.widths[i] {
+                motion.widths[i] = width;
+                found.bounded_widths += 1;
+            }
+        }
+    }
+    found
+}
+
+/// In f64: the square of a finite f32 does not overflow.
+fn length(q: [f32; 4]) -> f64 {
+    q.iter().map(|v| f64::from(*v) * f64::from(*v)).sum::<f64>().sqrt()
+}
+
+fn reason_to_drop(splats: &SplatsMut<'_>, i: usize, length: f64) -> Option<DropReason> {
+    let coefficients = splats.coefficients;
+    let sh = splats.sh[i * coefficients..(i + 1) * coefficients].as_flattened();
+    if !within(&splats.means[i], MAX_LENGTH) {
+        return Some(DropReason::Mean);
+    }
+    if !length.is_finite() {
+        return Some(DropReason::Rotation);
+    }
+    if length < MIN_QUATERNION {
+        return Some(DropReason::ZeroRotation);
+    }
+    if !splats.log_scales[i].iter().all(|v| *v <= MAX_LOG_SCALE) {
+        return Some(DropReason::Scale);
+    }
+    if splats.opacities[i].is_nan() {
+        return Some(DropReason::Opacity);
+    }
+    if !within(sh, MAX_SH) {
+        return Some(DropReason::Color);
+    }
+    let motion = splats.motion.as_ref()?;
+    if !(within(motion.polynomials[i].as_flattened(), MAX_LENGTH) && within(&motion.omegas[i], MAX_LENGTH)) {
+        return Some(DropReason::Motion);
+    }
+    if !(within(&[motion.centers[i]], MAX_TIME) && motion.widths[i] >= 0.0) {
+        return Some(DropReason::Time);
+    }
+    None
+}
+
+/// Whether no value lies farther out; false for NaN.
+fn within(values: &[f32], limit: f32) -> bool {
+    // No early way out: that way the comparisons run several at a time.
+    values.iter().fold(true, |all, v| all & (v.abs() <= limit))
 }

@@ -93,7 +93,8 @@ impl Source {
         self.head(usize::MAX)
     }
 
-    fn ends_early(&self, offset: u64, wanted: u64) -> SceneError {
+    /// The error for contents that reach beyond the end.
+    pub(crate) fn ends_early(&self, offset: u64, wanted: u64) -> SceneError {
         SceneError::malformed(
             &self.path,
             format!("byte {offset}"),

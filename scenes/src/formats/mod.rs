@@ -15,6 +15,7 @@ pub(crate) mod splat;
 pub(crate) mod splatv;
 pub(crate) mod spz;
 pub(crate) mod streamed_sog;
+pub(crate) mod values;
 
 use crate::load::LoadContext;
 use crate::source::Source;

@@ -91,18 +91,23 @@ impl Header {
         {
             return Ok(Format::CompressedPly);
         }
-        let Some(vertex) = self.element("vertex") else {
-            return Err(SceneError::malformed(
-                path,
-                "header",
-                "there is no element 'vertex'",
-                "This PLY holds no splats; name a Gaussian splatting scene",
-            ));
-        };
+        let vertex = self.vertex(path)?;
         Ok(if vertex.has("trbf_center") || vertex.has("trbf_scale") || vertex.has("motion_0") {
             Format::SpacetimePly
         } else {
             Format::Ply
+        })
+    }
+
+    /// The element with the splats.
+    pub(crate) fn vertex(&self, path: &Path) -> Result<&Element, SceneError> {
+        self.element("vertex").ok_or_else(|| {
+            SceneError::malformed(
+                path,
+                "header",
+                "there is no element 'vertex'",
+                "This PLY holds no splats; name a Gaussian splatting scene",
+            )
         })
     }
 
