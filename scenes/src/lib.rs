@@ -24,6 +24,7 @@ pub mod synthetic;
 
 pub use error::SceneError;
 pub use format::Format;
+pub use formats::streamed_sog::{StreamedLevel, streamed_levels};
 pub use load::{CancelToken, Limits, LoadOptions, Progress, Scene, load, load_bytes, load_many};
 pub use report::{DropReason, LoadReport, SourceInfo};
 pub use sanitise::{

@@ -104,6 +104,7 @@ pub(crate) struct LoadContext<'a> {
     reported: AtomicU64,
     done: AtomicU64,
     bytes_on_disk: AtomicU64,
+    antialiased: AtomicBool,
     warnings: Mutex<Vec<String>>,
 }
 
@@ -118,6 +119,7 @@ impl<'a> LoadContext<'a> {
             reported: AtomicU64::new(0),
             done: AtomicU64::new(0),
             bytes_on_disk: AtomicU64::new(0),
+            antialiased: AtomicBool::new(false),
             warnings: Mutex::default(),
         }
     }
@@ -177,6 +179,11 @@ impl<'a> LoadContext<'a> {
     /// Counts bytes on disk beyond those of the source itself (files inside of a folder).
     pub(crate) fn add_bytes(&self, bytes: u64) {
         self.bytes_on_disk.fetch_add(bytes, Ordering::Relaxed);
+    }
+
+    /// The file says that it was trained with Mip-Splatting's compensated low-pass filter.
+    pub(crate) fn set_antialiased(&self) {
+        self.antialiased.store(true, Ordering::Relaxed);
     }
 
     /// Something that the user should know, one sentence.
@@ -245,6 +252,7 @@ fn load_source(source: &Source, context: LoadContext<'_>) -> Result<Scene, Scene
         bytes: source.len() + context.bytes_on_disk.load(Ordering::Relaxed),
         splats: 0..splats.len(),
         sh_degree: splats.sh_degree,
+        antialiased: context.antialiased.load(Ordering::Relaxed),
     };
     let warnings = context.warnings.into_inner().unwrap_or_else(PoisonError::into_inner);
     let report = LoadReport {

@@ -71,6 +71,9 @@ pub struct SourceInfo {
     pub splats: std::ops::Range<usize>,
     /// Degree of its spherical harmonics before merging, `0 ..= 3`.
     pub sh_degree: u8,
+    /// Whether the file says that it was trained with the compensated low-pass filter of Mip-Splatting (Yu et al.
+    /// 2024): such a scene looks right only when it is rendered with it.
+    pub antialiased: bool,
 }
 
 /// What loading found, kept and dropped.

@@ -8,6 +8,7 @@
 //! Writers, where there is one: `pub(crate) fn write(splats: &Splats, out: &mut impl Write) -> io::Result<()>`.
 
 pub(crate) mod compressed_ply;
+mod expansion;
 pub(crate) mod ksplat;
 pub(crate) mod ply;
 pub(crate) mod sog;
