@@ -1,5 +1,7 @@
 //! SOG, streamed SOG and SPZ: the sample scenes, whole.
 
+#![allow(clippy::panic, reason = "helpers of tests fail the test")]
+
 mod common;
 
 use common::sample;
@@ -28,13 +30,31 @@ fn every_sample_has_its_count_degree_and_bounds() {
         ("static/skull.sog", Format::Sog, 94_936, 3, [-0.5319, -1.094, -0.7176, 0.488, 0.035, 0.7935]),
         ("static/skull_sh3_v3.spz", Format::Spz, 94_936, 3, [-0.532, -1.094, -0.7175, 0.488, 0.0349, 0.7935]),
         ("static/biker.spz", Format::Spz, 152_746, 0, [-0.6213, 0.0, -0.6133, 0.4143, 3.18, 0.5322]),
-        ("static/statues/st-peter.sog", Format::Sog, 133_618, 0, [-0.9113, -2.226, -0.7846, 0.9201, 2.433, 0.873]),
-        ("static/statues/narcissus.sog", Format::Sog, 101_275, 0, [-0.7872, -2.308, -0.8605, 0.7677, 1.495, 0.838]),
+        (
+            "static/statues/st-peter.sog",
+            Format::Sog,
+            133_618,
+            0,
+            [-0.9113, -2.226, -0.7846, 0.9201, 2.433, 0.873],
+        ),
+        (
+            "static/statues/narcissus.sog",
+            Format::Sog,
+            101_275,
+            0,
+            [-0.7872, -2.308, -0.8605, 0.7677, 1.495, 0.838],
+        ),
         ("static/playcanvas-logo", Format::Sog, 307_128, 0, [-1.535, -2.782, -0.5768, 1.535, 0.2956, 0.5768]),
         ("static/playbot", Format::StreamedSog, 500_000, 2, [-1.031, -1.082, -1.038, 1.033, 0.0497, 1.041]),
         ("static/flowers_lod0", Format::Sog, 542_104, 2, [-0.3072, -0.2893, -0.3027, 0.2928, 0.1959, 0.2973]),
         ("static/lacadiere_lod3", Format::Sog, 746_973, 0, [-119.1, -27.37, -5.873, 93.18, 220.4, 27.94]),
-        ("static/hq_garden_lod2", Format::Sog, 851_756, 0, [-1313.0, -1331.0, -845.4, 1356.0, 1265.0, 1329.0]),
+        (
+            "static/hq_garden_lod2",
+            Format::Sog,
+            851_756,
+            0,
+            [-1313.0, -1331.0, -845.4, 1356.0, 1265.0, 1329.0],
+        ),
         ("static/hq_garden_lod1", Format::Sog, 3_382_239, 0, [-122.2, -139.5, -2.99, 73.01, 92.62, 96.21]),
         ("4d/flipbook_monkey", Format::Sog, 379_896, 0, [-1.329, -1.091, -1.514, 1.543, 1.129, 1.147]),
     ];
@@ -132,7 +152,8 @@ fn difference(a: &Splats, b: &Splats, floor: f32) -> Difference {
         let [s, t] = [a, b].map(|scene| scene.log_scales[i].map(|v| v.max(floor)));
         worst(&mut d.log_scale, &s, &t);
         worst(&mut d.opacity, &[a.opacities[i]], &[b.opacities[i]]);
-        let dot: f64 = a.rotations[i].iter().zip(b.rotations[i]).map(|(p, q)| f64::from(*p) * f64::from(q)).sum();
+        let dot: f64 =
+            a.rotations[i].iter().zip(b.rotations[i]).map(|(p, q)| f64::from(*p) * f64::from(q)).sum();
         d.angle = d.angle.max((2.0 * dot.abs().min(1.0).acos()) as f32);
         let (p, q) = (a.sh_of(i), b.sh_of(i));
         worst(&mut d.constant, &p[0], &q[0]);
@@ -164,7 +185,8 @@ fn one_scene_in_two_formats_agrees_within_the_quantisation() {
     assert!(d.opacity <= 1e-6, "{d:?}");
     assert!(d.angle <= 0.0042, "{d:?}");
     assert!(d.constant <= 0.5 / 255.0 / 0.15 + 1e-6, "{d:?}");
-    assert!(d.higher <= 0.0625 + 1e-6, "{d:?}");
+    // Rounded to a byte, then to four bits.
+    assert!(d.higher <= 8.5 / 128.0 + 1e-6, "{d:?}");
 
     // Negative control: the comparison sees one neighbour in another's place.
     let mut wrong = spz.clone();

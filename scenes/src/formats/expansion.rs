@@ -19,7 +19,9 @@ pub(crate) fn check(path: &Path, place: &str, needed: u64, stored: u64) -> Resul
     Err(SceneError::malformed(
         path,
         place,
-        format!("claims contents of {needed} bytes in {stored} bytes of file, more than {MAX_EXPANSION} times as much"),
+        format!(
+            "claims contents of {needed} bytes in {stored} bytes of file, more than {MAX_EXPANSION} times as much"
+        ),
         "The file is damaged or made to fill memory. If it is neither, save the scene as .ply",
     ))
 }

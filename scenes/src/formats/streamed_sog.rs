@@ -53,7 +53,8 @@ pub fn streamed_levels(path: &Path) -> Result<Vec<StreamedLevel>, SceneError> {
 pub(crate) fn read(source: &Source, ctx: &LoadContext<'_>) -> Result<Splats, SceneError> {
     let index = Index::read(source, ctx)?;
     let level = ctx.options().level.min(index.levels - 1);
-    let folder = if source.is_folder() { source.path() } else { source.path().parent().unwrap_or(Path::new("")) };
+    let folder =
+        if source.is_folder() { source.path() } else { source.path().parent().unwrap_or(Path::new("")) };
 
     // Every piece is opened before any is decoded, so that there is one allocation for all of them.
     let mut pieces = Vec::new();

@@ -3,7 +3,6 @@
 use std::io::{self, BufRead, Read, Seek, SeekFrom};
 
 use image_webp::{DecodingError, WebPDecoder};
-use rayon::prelude::*;
 
 use super::container::Place;
 use crate::SceneError;
@@ -46,8 +45,7 @@ pub(super) struct Interrupt<'a> {
 
 /// Width and height from an image's header, after checking that it is one that Motes reads.
 pub(super) fn size(place: &Place, name: &str, bytes: &[u8]) -> Result<(u32, u32), SceneError> {
-    let mut decoder =
-        WebPDecoder::new(io::Cursor::new(bytes)).map_err(|error| wrong(place, name, &error))?;
+    let mut decoder = WebPDecoder::new(io::Cursor::new(bytes)).map_err(|error| wrong(place, name, &error))?;
     check(place, name, &mut decoder)?;
     Ok(decoder.dimensions())
 }
@@ -59,21 +57,19 @@ pub(super) fn decode_all(
     files: Vec<Vec<u8>>,
     interrupt: &Interrupt<'_>,
 ) -> Result<Vec<Image>, SceneError> {
-    files
-        .into_par_iter()
-        .zip(names)
-        // One image a task: they are few, and each is long.
-        .with_max_len(1)
-        .map(|(bytes, name)| decode(place, name, &bytes, interrupt))
-        .collect()
+    let mut results: Vec<Option<Result<Image, SceneError>>> = files.iter().map(|_| None).collect();
+    let mut tasks: Vec<_> = results.iter_mut().zip(files).zip(names).collect();
+    // The longest first, one image a task: the palette alone may take as long as all others together.
+    tasks.sort_by_key(|((_, bytes), _)| std::cmp::Reverse(bytes.len()));
+    rayon::scope_fifo(|scope| {
+        for ((result, bytes), name) in tasks {
+            scope.spawn_fifo(move |_| *result = Some(decode(place, name, &bytes, interrupt)));
+        }
+    });
+    results.into_iter().flatten().collect()
 }
 
-fn decode(
-    place: &Place,
-    name: &str,
-    bytes: &[u8],
-    interrupt: &Interrupt<'_>,
-) -> Result<Image, SceneError> {
+fn decode(place: &Place, name: &str, bytes: &[u8], interrupt: &Interrupt<'_>) -> Result<Image, SceneError> {
     let mut cancelled = None;
     let reader = Windowed { bytes, at: 0, seen: 0, interrupt, cancelled: &mut cancelled };
     let result = (|| {
@@ -91,7 +87,11 @@ fn decode(
     }
 }
 
-fn check<R: BufRead + Seek>(place: &Place, name: &str, decoder: &mut WebPDecoder<R>) -> Result<(), SceneError> {
+fn check<R: BufRead + Seek>(
+    place: &Place,
+    name: &str,
+    decoder: &mut WebPDecoder<R>,
+) -> Result<(), SceneError> {
     if decoder.is_animated() {
         return Err(place.wrong(name, "the image", "is an animation", LOSSLESS));
     }

@@ -241,7 +241,10 @@ impl Meta {
         if let Some(encoding) = &self.quats.encoding
             && encoding != "quaternion_packed"
         {
-            return Err(wrong("quats", &format!("has the encoding “{encoding}”, expected quaternion_packed")));
+            return Err(wrong(
+                "quats",
+                &format!("has the encoding “{encoding}”, expected quaternion_packed"),
+            ));
         }
         let Shape(count) = self.means.shape.ok_or_else(|| wrong("means", "has no shape"))?;
         let linear = |min: f64, max: f64| -> Table {
@@ -286,12 +289,7 @@ fn range<Range>(
     mins.zip(maxs).ok_or_else(|| wrong(property, "lacks mins or maxs"))
 }
 
-fn others(
-    scales: Files,
-    quats: Files,
-    sh0: Files,
-    wrong: &Wrong<'_>,
-) -> Result<[String; 3], SceneError> {
+fn others(scales: Files, quats: Files, sh0: Files, wrong: &Wrong<'_>) -> Result<[String; 3], SceneError> {
     let [scales] = scales.exactly("scales", wrong)?;
     let [quats] = quats.exactly("quats", wrong)?;
     let [sh0] = sh0.exactly("sh0", wrong)?;
@@ -363,7 +361,9 @@ impl<'de> serde::Deserialize<'de> for Codebook {
                     match seq.next_element::<Option<f32>>()? {
                         Some(Some(number)) => *value = number,
                         Some(None) if i == 0 => codebook.first_is_null = true,
-                        Some(None) => return Err(A::Error::custom(format!("value {i} of a codebook is null"))),
+                        Some(None) => {
+                            return Err(A::Error::custom(format!("value {i} of a codebook is null")));
+                        }
                         None => return Err(A::Error::invalid_length(i, &self)),
                     }
                 }

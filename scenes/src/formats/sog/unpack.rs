@@ -148,7 +148,8 @@ fn look_up(tables: &[Table; 3], pixel: [u8; 4]) -> [f32; 3] {
 /// Three components times √2 in a byte each, and which one is left out. A tag that names none gives the zero
 /// quaternion, which is dropped and counted later.
 fn quaternion([a, b, c, tag]: [u8; 4]) -> [f32; 4] {
-    let [a, b, c] = [a, b, c].map(|byte| (f32::from(byte) / 255.0 * 2.0 - 1.0) * std::f32::consts::FRAC_1_SQRT_2);
+    let [a, b, c] =
+        [a, b, c].map(|byte| (f32::from(byte) / 255.0 * 2.0 - 1.0) * std::f32::consts::FRAC_1_SQRT_2);
     let largest = (1.0 - (a * a + b * b + c * c)).max(0.0).sqrt();
     // Stored in the order (w, x, y, z).
     match tag {

@@ -106,9 +106,9 @@ fn byte(v: f32) -> u8 {
 
 /// A byte of `128 + 128 v`, rounded to the given number of bits such that zero stays zero.
 fn coefficient(v: f32, bits: u32) -> u8 {
-    let step = 1 << (8 - bits);
-    let byte = (v * 128.0).round() as i32 + 128;
-    ((byte + step / 2).div_euclid(step) * step).clamp(0, 255) as u8
+    let step = (1 << (8 - bits)) as f32;
+    // The cast saturates.
+    ((v * 128.0 / step).round() * step + 128.0) as u8
 }
 
 /// See [`super::decode`].

@@ -65,7 +65,8 @@ impl Header {
     /// The part that all versions have in common.
     fn parse(source: &Source, bytes: &[u8]) -> Result<Self, SceneError> {
         let path = source.path();
-        let &[m0, m1, m2, m3, v0, v1, v2, v3, c0, c1, c2, c3, degree, fractional_bits, flags, ..] = bytes else {
+        let &[m0, m1, m2, m3, v0, v1, v2, v3, c0, c1, c2, c3, degree, fractional_bits, flags, ..] = bytes
+        else {
             return Err(SceneError::malformed(
                 path,
                 "the header",
@@ -75,12 +76,18 @@ impl Header {
         };
         if [m0, m1, m2, m3] != *MAGIC {
             let problem = format!("begins with “{}”, expected “NGSP”", [m0, m1, m2, m3].escape_ascii());
-            return Err(SceneError::malformed(path, "the header", problem, "It is not an SPZ file, or damaged"));
+            return Err(SceneError::malformed(
+                path,
+                "the header",
+                problem,
+                "It is not an SPZ file, or damaged",
+            ));
         }
         let version = u32::from_le_bytes([v0, v1, v2, v3]);
         let count = u64::from(u32::from_le_bytes([c0, c1, c2, c3]));
         if degree > MAX_DEGREE {
-            let problem = format!("states spherical harmonics of degree {degree}, expected 0 to {MAX_DEGREE}");
+            let problem =
+                format!("states spherical harmonics of degree {degree}, expected 0 to {MAX_DEGREE}");
             return Err(SceneError::malformed(path, "the header", problem, DAMAGED));
         }
         if flags & LEVEL_TREE != 0 {
@@ -111,10 +118,7 @@ impl Header {
             ctx.set_antialiased();
         }
         if self.degree > 3 {
-            ctx.warn(format!(
-                "{}: spherical harmonics of degree 4 are cut to degree 3",
-                path.display()
-            ));
+            ctx.warn(format!("{}: spherical harmonics of degree 4 are cut to degree 3", path.display()));
         }
         let degree = self.degree.min(3);
         let unpacked = self.sizes().iter().sum::<u64>() + Splats::bytes_per_splat(degree, false) as u64;
@@ -127,7 +131,8 @@ impl Header {
 /// Versions 1 to 3.
 fn read_gzip(source: &Source, bytes: &[u8], ctx: &LoadContext<'_>) -> Result<Splats, SceneError> {
     let path = source.path();
-    let failed = |error: std::io::Error| SceneError::malformed(path, "the gzip stream", error.to_string(), DAMAGED);
+    let failed =
+        |error: std::io::Error| SceneError::malformed(path, "the gzip stream", error.to_string(), DAMAGED);
     let mut stream = MultiGzDecoder::new(bytes);
     let mut head = Vec::new();
     (&mut stream).take(16).read_to_end(&mut head).map_err(failed)?;
@@ -176,9 +181,7 @@ fn read_gzip(source: &Source, bytes: &[u8], ctx: &LoadContext<'_>) -> Result<Spl
     const MAX_TRAILER: u64 = 1 << 20;
     (&mut stream).take(MAX_TRAILER).read_to_end(&mut trailer).map_err(failed)?;
     let leading = body.first_chunk().map(|bytes| u32::from_le_bytes(*bytes));
-    if header.flags & HAS_EXTENSIONS != 0
-        && matches!(leading, Some(SH_QUANTISATION | SAFE_ORBIT_CAMERA))
-    {
+    if header.flags & HAS_EXTENSIONS != 0 && matches!(leading, Some(SH_QUANTISATION | SAFE_ORBIT_CAMERA)) {
         return Err(SceneError::unsupported(
             path,
             "it has extension records before its splats, as only unreleased versions of the format's library wrote",
@@ -210,9 +213,8 @@ fn read_streams(source: &Source, bytes: &[u8], ctx: &LoadContext<'_>) -> Result<
         ));
     }
     let wrong = |place: &str, problem: String| SceneError::malformed(path, place, problem, DAMAGED);
-    let u64_at = |at: usize| -> u64 {
-        bytes[at..].first_chunk().map_or(0, |bytes| u64::from_le_bytes(*bytes))
-    };
+    let u64_at =
+        |at: usize| -> u64 { bytes[at..].first_chunk().map_or(0, |bytes| u64::from_le_bytes(*bytes)) };
     let Some(&[streams, t0, t1, t2, t3]) = bytes.get(15..20).and_then(|b| b.first_chunk::<5>()) else {
         return Err(wrong("the header", format!("ends after {} of 32 bytes", bytes.len())));
     };
@@ -223,7 +225,10 @@ fn read_streams(source: &Source, bytes: &[u8], ctx: &LoadContext<'_>) -> Result<
     if contents < 32 || contents + entries * 16 > bytes.len() {
         return Err(wrong(
             "byte 16",
-            format!("the table of contents lies at {contents} … {}, outside of the file", contents + entries * 16),
+            format!(
+                "the table of contents lies at {contents} … {}, outside of the file",
+                contents + entries * 16
+            ),
         ));
     }
     let extensions = if header.flags & HAS_EXTENSIONS != 0 { &bytes[32..contents] } else { &[] };
@@ -297,11 +302,7 @@ fn inflate(packed: &[u8], unpacked: u64) -> Result<Vec<u8>, String> {
 
 /// The values of the bytes 0 and 255 of higher bands, where an extension record states them. Records are a type, the
 /// length of what follows, and that; unknown ones are skipped.
-fn sh_range(
-    source: &Source,
-    header: &Header,
-    mut records: &[u8],
-) -> Result<Option<[f32; 2]>, SceneError> {
+fn sh_range(source: &Source, header: &Header, mut records: &[u8]) -> Result<Option<[f32; 2]>, SceneError> {
     let mut range = None;
     if header.flags & HAS_EXTENSIONS == 0 {
         return Ok(range);
