@@ -4,11 +4,11 @@
 
 mod common;
 
-use common::sample;
+use common::samples;
 use motes_scenes::{Format, LoadOptions, Scene, Splats, load, load_many, sh_coefficients, streamed_levels};
 
 fn scene(name: &str) -> Scene {
-    load(&sample(name), &LoadOptions::default()).unwrap_or_else(|error| panic!("{error}"))
+    load(&samples().join(name), &LoadOptions::default()).unwrap_or_else(|error| panic!("{error}"))
 }
 
 /// Least and greatest mean.
@@ -100,7 +100,7 @@ fn bytes_on_disk_are_those_of_all_files() {
 
 #[test]
 fn levels_of_a_streamed_scene_load_one_at_a_time() {
-    let path = sample("static/playbot");
+    let path = samples().join("static/playbot");
     let levels = streamed_levels(&path).unwrap();
     let counts: Vec<u64> = levels.iter().map(|level| level.splats).collect();
     assert_eq!(counts, [500_000, 250_000, 125_000, 31_000, 8_406, 3_000, 1_873]);
@@ -111,7 +111,7 @@ fn levels_of_a_streamed_scene_load_one_at_a_time() {
         let alone = load(&path.join(file).join("meta.json"), &LoadOptions::default()).unwrap();
         assert_eq!(streamed.splats, alone.splats, "level {level}");
     }
-    let error = streamed_levels(&sample("static/skull.sog")).unwrap_err().to_string();
+    let error = streamed_levels(&samples().join("static/skull.sog")).unwrap_err().to_string();
     assert!(error.contains("skull.sog"), "{error}");
 }
 
@@ -119,7 +119,7 @@ fn levels_of_a_streamed_scene_load_one_at_a_time() {
 fn a_folder_of_pieces_is_their_sum() {
     let folder = scene("static/hq_garden_lod2");
     let parts = ["2_0/meta.json", "2_1/meta.json", "environment.sog"]
-        .map(|part| sample(&format!("static/hq_garden_lod2/{part}")));
+        .map(|part| samples().join(&format!("static/hq_garden_lod2/{part}")));
     let listed = load_many(&parts, &LoadOptions::default()).unwrap();
     assert_eq!(folder.splats, listed.splats);
     assert_eq!(folder.sources.len(), 3);
