@@ -1,6 +1,7 @@
 //! What several test programs share.
 #![allow(dead_code, reason = "every test program uses a part of it")]
 
+pub mod allocation;
 pub mod encode;
 
 use std::path::{Path, PathBuf};
