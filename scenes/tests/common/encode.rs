@@ -360,7 +360,7 @@ pub fn ksplat(splats: &Splats, level: u16) -> Vec<u8> {
             let numbers = splats.means[i].into_iter().chain(scale).chain([w, x, y, z]);
             out.extend(numbers.flat_map(f32::to_le_bytes));
         } else {
-            let bucket = firsts[1..].iter().position(|end| i < *end).unwrap();
+            let bucket = firsts[1..].partition_point(|end| *end <= i);
             for k in 0..3 {
                 let step = block / 2.0 / steps;
                 let q = ((splats.means[i][k] - centers[bucket][k]) / step + steps).round();
