@@ -1,5 +1,7 @@
 //! One known splat per format, anisotropic and coloured: axes, order of quaternions, logarithms, order of harmonics.
 
+#![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests fail them")]
+
 mod common;
 
 use common::encode::{self, Encoding};

@@ -1,6 +1,8 @@
 //! Damaged files give an error or a valid scene: never a panic, a hang, or an allocation beyond four times the file
 //! and 64 MiB.
 
+#![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests fail them")]
+
 mod common;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};

@@ -2,16 +2,18 @@
 
 use crate::SH_C0;
 
-/// A logit as opacity. ±∞ are exactly 1 and 0; never overflows.
+/// A logit as opacity. ±∞ are exactly 1 and 0; never overflows, and exact to an f32's last digits at both ends.
 pub(crate) fn sigmoid(logit: f32) -> f32 {
-    1.0 / (1.0 + (-logit).exp())
+    let e = (-logit.abs()).exp();
+    let small = e / (1.0 + e);
+    if logit < 0.0 { small } else { 1.0 - small }
 }
 
-/// An opacity as a finite logit for which [`sigmoid`] gives it back: exactly 0 and 1 become −104 and 20, beyond which
+/// An opacity as a finite logit for which [`sigmoid`] gives it back: exactly 0 and 1 become −110 and 20, beyond which
 /// f32 tells no difference, because other programs drop splats with infinite values.
 pub(crate) fn logit(opacity: f32) -> f32 {
     let p = f64::from(opacity);
-    ((p / (1.0 - p)).ln()).clamp(-104.0, 20.0) as f32
+    ((p / (1.0 - p)).ln()).clamp(-110.0, 20.0) as f32
 }
 
 /// A colour `0 ..= 1` as coefficient of the constant band.

@@ -1,6 +1,8 @@
 //! Encoders of every format, written from the formats' descriptions and apart from the crate's own writers, so that a
 //! reader and a writer that share an error do not hide it. `Splats` go in; the scene's origin must be zero.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "used by tests only")]
+
 use half::f16;
 use motes_scenes::synthetic::Random;
 use motes_scenes::{SH_C0, Splats, sh_coefficients};
@@ -361,9 +363,9 @@ pub fn ksplat(splats: &Splats, level: u16) -> Vec<u8> {
             out.extend(numbers.flat_map(f32::to_le_bytes));
         } else {
             let bucket = firsts[1..].partition_point(|end| *end <= i);
-            for k in 0..3 {
+            for (mean, center) in splats.means[i].iter().zip(centers[bucket]) {
                 let step = block / 2.0 / steps;
-                let q = ((splats.means[i][k] - centers[bucket][k]) / step + steps).round();
+                let q = ((mean - center) / step + steps).round();
                 out.extend((q.clamp(0.0, 65535.0) as u16).to_le_bytes());
             }
             halves(&mut out, &scale);
