@@ -5,8 +5,8 @@
 mod common;
 
 use common::encode::{self, Encoding};
-use common::{angle, difference, read};
-use motes_scenes::{Format, Motion, SH_C0, Splats, sh_coefficients};
+use common::{angle, difference, pack, read};
+use motes_scenes::{Format, LoadOptions, Motion, SH_C0, Splats, load, sh_coefficients};
 
 /// Largest errors that a format's quantisation allows.
 struct Tolerance {
@@ -223,6 +223,95 @@ fn ksplat_at_every_level() {
             check("a.ksplat", &encode::ksplat(&expected, level), Format::KSplat, &expected, &tolerance);
         }
     }
+}
+
+#[test]
+fn sog_of_both_versions_zipped_and_in_a_folder() {
+    for version in [1, 2] {
+        for degree in 0..=3 {
+            let expected = known(degree, false);
+            // Version 1: 256 steps per range. The ranges: log-scales 0.6 and 1, logits 12, harmonics 0.92.
+            let coarse = |steps: f32| if version == 1 { steps * 0.51 / 255.0 } else { 0.0 };
+            let tolerance = Tolerance {
+                mean: 3e-5,
+                // Half a step in three components, and what follows for the largest: at most √12 of it, twice.
+                rotation: 2.0 * 3.47 / 255.0 * 0.7072,
+                log_scale: coarse(1.0),
+                opacity: coarse(12.0 / 4.0).max(1e-6),
+                color: coarse(1.0).max(2e-7),
+                sh: coarse(0.92),
+            };
+            let files = pack::sog(&expected, version);
+            for (below, deflate) in [("", false), ("", true), ("scene/", false)] {
+                let zip = pack::zip(&files, below, deflate);
+                check("a.bin", &zip, Format::Sog, &expected, &tolerance);
+            }
+            let folder = tempfile::tempdir().unwrap();
+            pack::unzip(&files, folder.path());
+            for path in [folder.path().to_owned(), folder.path().join("meta.json")] {
+                let scene = load(&path, &LoadOptions::default()).unwrap();
+                assert_eq!(mismatch(&scene.splats, &expected, &tolerance), None, "version {version}");
+                let bytes: usize = files.iter().map(|(_, bytes)| bytes.len()).sum();
+                assert_eq!(scene.sources[0].bytes, bytes as u64);
+            }
+        }
+    }
+}
+
+#[test]
+fn spz_of_every_version() {
+    for version in 1..=4 {
+        for degree in 0..=3 {
+            let expected = known(degree, false);
+            let tolerance = Tolerance {
+                // Half a step of 12 bits; of a half float between 1 and 2, and 2 and 4.
+                mean: if version == 1 { 1.0 / 1024.0 } else { 0.51 / 4096.0 },
+                rotation: if version < 3 { 2e-2 } else { 3.47 / 511.0 * 0.7072 },
+                log_scale: 0.51 / 16.0,
+                opacity: 1e-6,
+                color: 0.51 / 255.0 / 0.15 * SH_C0,
+                sh: 0.51 / 128.0,
+            };
+            check("a.bin", &pack::spz(&expected, version), Format::Spz, &expected, &tolerance);
+        }
+    }
+}
+
+#[test]
+fn what_spz_writes_it_reads() {
+    for degree in 0..=3 {
+        let expected = known(degree, false);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.spz");
+        motes_scenes::save(&path, &expected).unwrap();
+        let tolerance = Tolerance {
+            mean: 0.51 / 65536.0,
+            rotation: 3.47 / 511.0 * 0.7072,
+            log_scale: 0.51 / 16.0,
+            opacity: 1e-6,
+            color: 0.51 / 255.0 / 0.15 * SH_C0,
+            sh: if degree < 2 { 4.01 / 128.0 } else { 8.01 / 128.0 },
+        };
+        check("a.spz", &std::fs::read(&path).unwrap(), Format::Spz, &expected, &tolerance);
+    }
+    // The coordinates' precision follows the extent, and an origin far out is no obstacle.
+    for (far, error) in [(100.0, 8e-6), (1_300.0, 1.3e-4), (3e6, 0.26)] {
+        let mut splats = known(0, false);
+        splats.origin = [far, 0.0, -far];
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("far.spz");
+        motes_scenes::save(&path, &splats).unwrap();
+        let found = load(&path, &LoadOptions::default()).unwrap().splats;
+        for i in 0..splats.len() {
+            for (a, b) in found.mean_of(i).into_iter().zip(splats.mean_of(i)) {
+                assert!((a - b).abs() <= error, "{far} m out: {a}, not {b}");
+            }
+        }
+    }
+    let mut splats = known(0, false);
+    splats.origin = [1e7, 0.0, 0.0];
+    let error = motes_scenes::save(&std::env::temp_dir().join("x.spz"), &splats).unwrap_err().to_string();
+    assert!(error.contains("farther out") && error.contains("x.spz"), "{error}");
 }
 
 /// The comparison that every test here rests on sees a swapped axis, a missing logarithm, another order of harmonics.

@@ -3,6 +3,8 @@
 
 pub mod allocation;
 pub mod encode;
+pub mod memory;
+pub mod pack;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

@@ -176,7 +176,8 @@ impl Container {
                     )));
                 }
                 let mut bytes = Vec::with_capacity(size as usize);
-                let read = file.by_ref().take(size).read_to_end(&mut bytes);
+                // One byte more than there is: the checksum is compared at the end.
+                let read = file.by_ref().take(size + 1).read_to_end(&mut bytes);
                 read.map_err(|error| wrong(error.to_string()))?;
                 if bytes.len() as u64 != size {
                     return Err(wrong(format!("ends after {} of {size} bytes", bytes.len())));

@@ -70,8 +70,8 @@ pub(super) fn decode_all(
 }
 
 fn decode(place: &Place, name: &str, bytes: &[u8], interrupt: &Interrupt<'_>) -> Result<Image, SceneError> {
-    let mut cancelled = None;
-    let reader = Windowed { bytes, at: 0, seen: 0, interrupt, cancelled: &mut cancelled };
+    let (mut seen, mut cancelled) = (0, None);
+    let reader = Windowed { bytes, at: 0, seen: &mut seen, interrupt, cancelled: &mut cancelled };
     let result = (|| {
         let mut decoder = WebPDecoder::new(reader)?;
         let (width, height) = decoder.dimensions();
@@ -81,10 +81,13 @@ fn decode(place: &Place, name: &str, bytes: &[u8], interrupt: &Interrupt<'_>) ->
         decoder.read_image(&mut pixels)?;
         Ok(Image { width, height, channels, bytes: pixels })
     })();
-    match (cancelled, result) {
-        (Some(cancelled), _) => Err(cancelled),
-        (None, result) => result.map_err(|error| wrong(place, name, &error)),
+    if let Some(cancelled) = cancelled {
+        return Err(cancelled);
     }
+    let image = result.map_err(|error| wrong(place, name, &error))?;
+    let Interrupt { source, ctx, total } = interrupt;
+    ctx.advance(source, (bytes.len() - seen) as u64, *total)?;
+    Ok(image)
 }
 
 fn check<R: BufRead + Seek>(
@@ -112,7 +115,7 @@ struct Windowed<'a, 'b> {
     bytes: &'a [u8],
     at: usize,
     /// How far progress is reported: seeking back is no progress.
-    seen: usize,
+    seen: &'a mut usize,
     interrupt: &'a Interrupt<'b>,
     cancelled: &'a mut Option<SceneError>,
 }
@@ -134,10 +137,10 @@ impl BufRead for Windowed<'_, '_> {
     fn fill_buf(&mut self) -> io::Result<&[u8]> {
         let start = self.at.min(self.bytes.len());
         let end = (start + WINDOW).min(self.bytes.len());
-        if start >= self.seen + WINDOW || (start == self.bytes.len() && self.seen < start) {
+        if start >= *self.seen + WINDOW {
             let Interrupt { source, ctx, total } = self.interrupt;
-            let work = (start - self.seen) as u64;
-            self.seen = start;
+            let work = (start - *self.seen) as u64;
+            *self.seen = start;
             if let Err(error) = ctx.advance(source, work, *total) {
                 *self.cancelled = Some(error);
                 return Err(io::Error::other("stopped"));

@@ -158,9 +158,10 @@ impl Layout {
                 }
                 let degree = (1..=3).find(|&degree| sh_coefficients(degree) - 1 == palette.coefficients);
                 let expected = palette.coefficients * PALETTE_ROW;
-                let (Some(degree), true) = (degree, width as usize == expected) else {
+                let Some(degree) = degree.filter(|_| width as usize == expected) else {
                     return Err(wrong(format!(
-                        "{width} × {height} pixels, expected a width of {PALETTE_ROW} entries of 3, 8 or 15 pixels"
+                        "{width} × {height} pixels, expected a width of {} for {PALETTE_ROW} entries in a row",
+                        if degree.is_some() { expected.to_string() } else { "192, 512 or 960".to_owned() }
                     )));
                 };
                 self.sh_degree = degree;

@@ -22,7 +22,7 @@ const OTHER_BANDS_BITS: u32 = 4;
 ///
 /// Largest errors: half a step of coordinates (8 µm up to ± 128 m, doubling with every doubling of the extent), 0.031
 /// in log-scale (3 %), 0.2 % in opacity, 0.013 in the constant band's coefficient (0.4 % in colour; coefficients
-/// beyond ± 3.33 are clamped), 0.031 and 0.063 in higher bands (within ± 1), 0.12° in rotation.
+/// beyond ± 3.33 are clamped), 0.031 and 0.063 in higher bands (within ± 1), 0.27° in rotation.
 pub(crate) fn write(splats: &Splats, out: &mut impl Write) -> io::Result<()> {
     let invalid = |what: String| io::Error::new(io::ErrorKind::InvalidInput, what);
     let count = u32::try_from(splats.len())

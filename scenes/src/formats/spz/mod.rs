@@ -326,6 +326,3 @@ fn sh_range(source: &Source, header: &Header, mut records: &[u8]) -> Result<Opti
     }
     Ok(range)
 }
-
-#[cfg(test)]
-mod tests;
