@@ -1,6 +1,6 @@
 //! SOG, streamed SOG and SPZ: the sample scenes, whole.
 
-#![allow(clippy::panic, reason = "helpers of tests fail the test")]
+#![allow(clippy::panic, clippy::unwrap_used, reason = "helpers of tests fail the test")]
 
 mod common;
 
@@ -119,7 +119,7 @@ fn levels_of_a_streamed_scene_load_one_at_a_time() {
 fn a_folder_of_pieces_is_their_sum() {
     let folder = scene("static/hq_garden_lod2");
     let parts = ["2_0/meta.json", "2_1/meta.json", "environment.sog"]
-        .map(|part| samples().join(&format!("static/hq_garden_lod2/{part}")));
+        .map(|part| samples().join(format!("static/hq_garden_lod2/{part}")));
     let listed = load_many(&parts, &LoadOptions::default()).unwrap();
     assert_eq!(folder.splats, listed.splats);
     assert_eq!(folder.sources.len(), 3);

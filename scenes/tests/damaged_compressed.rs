@@ -1,13 +1,13 @@
 //! Damaged SOG and SPZ files: an error or a valid scene, in bounded memory; and files made to fill memory.
 
-#![allow(clippy::panic, reason = "helpers of tests fail the test")]
+#![allow(clippy::panic, clippy::unwrap_used, reason = "helpers of tests fail the test")]
 
 mod common;
 
 use std::path::Path;
 use std::sync::Mutex;
 
-use common::memory::{Counting, peak_of};
+use common::allocation::{Counting, peak};
 use common::{defect, pack, read, samples};
 use motes_scenes::synthetic::{Random, Recipe};
 use motes_scenes::{LoadOptions, Scene, SceneError, Splats, load};
@@ -29,7 +29,7 @@ struct Outcome {
 
 /// Loads a damaged file of `length` bytes, and fails the test where that is worse than an error.
 fn survive(outcome: &mut Outcome, what: &str, length: u64, load: impl FnOnce() -> Result<Scene, SceneError>) {
-    let (result, peak) = peak_of(load);
+    let (result, most) = peak(load);
     match &result {
         Ok(scene) => {
             outcome.scenes += 1;
@@ -43,8 +43,8 @@ fn survive(outcome: &mut Outcome, what: &str, length: u64, load: impl FnOnce() -
             assert!(text.len() > 20, "{what}: “{text}” says too little");
         }
     }
-    outcome.excess = outcome.excess.max(peak as i64 - 4 * length as i64);
-    assert!(outcome.excess <= 64 << 20, "{what}: {peak} bytes of memory for a file of {length}");
+    outcome.excess = outcome.excess.max(most as i64 - 4 * length as i64);
+    assert!(outcome.excess <= 64 << 20, "{what}: {most} bytes of memory for a file of {length}");
 }
 
 /// Cuts at every hundredth of the length, and `seeds` times overwrites 1 to 16 random bytes.
@@ -189,12 +189,12 @@ fn files_of_folders() {
 
 /// Memory for a small file that claims to be large: the error, and that it came without the memory.
 fn refused(what: &str, bytes: &[u8], words: &[&str]) {
-    let (result, peak) = peak_of(|| read(what, bytes));
+    let (result, most) = peak(|| read(what, bytes));
     let error = result.unwrap_err().to_string();
     for word in words {
         assert!(error.contains(word), "{what}: {error}");
     }
-    assert!(peak <= 4 * bytes.len() + (64 << 20), "{what}: {peak} bytes for a file of {}", bytes.len());
+    assert!(most <= 4 * bytes.len() + (64 << 20), "{what}: {most} bytes for a file of {}", bytes.len());
 }
 
 #[test]
@@ -254,10 +254,10 @@ fn bombs_are_refused_before_they_go_off() {
 #[test]
 fn memory_is_measured() {
     let _alone = ALONE.lock();
-    let (_, peak) = peak_of(|| std::hint::black_box(vec![1_u8; 100 << 20]).len());
-    assert!(peak >= 100 << 20, "{peak}");
+    let (_, most) = peak(|| std::hint::black_box(vec![1_u8; 100 << 20]).len());
+    assert!(most >= 100 << 20, "{most}");
     let file = samples().join("static/skull_sh3_v3.spz");
-    let (scene, peak) = peak_of(|| load(Path::new(&file), &LoadOptions::default()).unwrap());
+    let (scene, most) = peak(|| load(Path::new(&file), &LoadOptions::default()).unwrap());
     let bytes = scene.splats.len() * Splats::bytes_per_splat(3, false);
-    assert!(peak >= bytes && peak < 2 * bytes, "{peak} for {bytes} of splats");
+    assert!(most >= bytes && most < 2 * bytes, "{most} for {bytes} of splats");
 }

@@ -1,6 +1,6 @@
 //! SOG and SPZ beyond the ordinary: what is refused and with which words, extensions, levels, early exporters.
 
-#![allow(clippy::panic, reason = "helpers of tests fail the test")]
+#![allow(clippy::panic, clippy::unwrap_used, reason = "helpers of tests fail the test")]
 
 mod common;
 

@@ -3,7 +3,6 @@
 
 pub mod allocation;
 pub mod encode;
-pub mod memory;
 pub mod pack;
 
 use std::path::{Path, PathBuf};

@@ -1,6 +1,8 @@
 //! Encoders of SOG and SPZ, written from the formats' descriptions and apart from the crate's own writer. Tables and
 //! palettes hold the splats' own values, so that only what the formats quantise at any rate is lost.
 
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail the test")]
+
 use std::collections::BTreeSet;
 use std::io::{Cursor, Write};
 use std::path::Path;
