@@ -307,7 +307,70 @@ impl Default for RenderConfig {
     }
 }
 
+/// Choices that make no sense, alone or together; the text says why.
+#[derive(Clone, Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct ConfigError(pub String);
+
 impl RenderConfig {
+    /// Whether these choices make sense together, for so many views on this device.
+    ///
+    /// # Errors
+    /// The first choice that does not, with the reason.
+    pub fn check(&self, views: usize, capabilities: &crate::gpu::Capabilities) -> Result<(), ConfigError> {
+        let refuse = |reason: String| Err(ConfigError(reason));
+        let in_range = |v: f32, low: f32, high: f32| v >= low && v <= high;
+        if !(1..=2).contains(&views) {
+            return refuse(format!("a frame has one view or two, not {views}"));
+        }
+        if self.expansion == Expansion::Geometry && !capabilities.geometry_shader {
+            return refuse(format!(
+                "expansion geometry: {} has no geometry stage; choose precomputed or instanced",
+                capabilities.device
+            ));
+        }
+        if self.projection == Projection::Exact
+            && matches!(self.low_pass, LowPass::Planar | LowPass::PlanarCompensated)
+        {
+            return refuse("projection exact evaluates the 3-D Gaussian along each ray, so a 2-D low-pass filter has nothing to act on; choose low-pass 3d, 3d-compensated or none".into());
+        }
+        if !(2..=motes_shaders::layout::MAX_BATCHES as u32).contains(&self.batches) {
+            return refuse(format!(
+                "batches must be 2 to {}, not {}",
+                motes_shaders::layout::MAX_BATCHES,
+                self.batches
+            ));
+        }
+        if !in_range(self.stop_below, 0.0, 1.0) {
+            return refuse(format!("stop-below is a transmittance, 0 to 1, not {}", self.stop_below));
+        }
+        if !(0.0..=3.0).contains(&f32::from(self.sh_degree)) {
+            return refuse(format!("sh-degree must be 0 to 3, not {}", self.sh_degree));
+        }
+        if !in_range(self.resolution_scale, 0.5, 1.0) {
+            return refuse(format!("resolution-scale must be 0.5 to 1, not {}", self.resolution_scale));
+        }
+        if !(self.near > 0.0 && self.near.is_finite()) {
+            return refuse(format!("near must be a positive distance in metres, not {}", self.near));
+        }
+        if !(self.near_fade >= 0.0 && self.near_fade.is_finite()) {
+            return refuse(format!("near-fade must be zero or a distance in metres, not {}", self.near_fade));
+        }
+        if !(self.max_radius > 0.0) {
+            return refuse(format!("max-radius must be positive, not {}", self.max_radius));
+        }
+        if !(self.min_opacity >= 0.0 && self.min_contribution >= 0.0) {
+            return refuse(format!(
+                "min-opacity and min-contribution must not be negative, but are {} and {}",
+                self.min_opacity, self.min_contribution
+            ));
+        }
+        if !self.time.is_finite() || self.background.iter().any(|b| !b.is_finite()) {
+            return refuse("time and background must be finite".into());
+        }
+        Ok(())
+    }
+
     /// The trainers' semantics (INRIA): affine, depth order, near plane 0.2 without a fade, every layer, full reach.
     pub fn inria() -> Self {
         Self {

@@ -1,11 +1,27 @@
 //! Turns a splat scene and a list of views into images. Knows neither windows nor OpenXR.
 
 mod config;
+mod frame;
+pub mod gpu;
 pub mod motion;
+mod offscreen;
+pub mod order;
+pub mod packing;
+mod passes;
 pub mod projection;
 pub mod reference;
+mod renderer;
+mod report;
+mod scene;
 pub mod spherical_harmonics;
+mod upload;
 mod view;
+mod workspace;
 
 pub use config::*;
+pub use offscreen::{Offscreen, Picture};
+pub use packing::Packing;
+pub use renderer::{DrawRequest, Frame, Renderer, Stereo, Target, midpoint};
+pub use report::FrameReport;
+pub use scene::{SceneOnDevice, Stream};
 pub use view::{Fov, View};

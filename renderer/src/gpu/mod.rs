@@ -1,0 +1,11 @@
+//! The Vulkan device: created with no more than a Quest offers, everything else optional.
+
+mod capabilities;
+mod device;
+mod error;
+mod memory;
+
+pub use capabilities::Capabilities;
+pub use device::{Bootstrap, Gpu, GpuOptions, Plain};
+pub use error::GpuError;
+pub use memory::{Buffer, Image, ImageDescription};

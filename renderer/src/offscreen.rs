@@ -1,0 +1,201 @@
+//! Pictures without a window: an image, a frame drawn into it, its pixels read back.
+
+use crate::gpu::{Buffer, Gpu, GpuError, Image, ImageDescription};
+use crate::order::{OrderRequest, SortBuffers, SplatOrder, sort_front_to_back};
+use crate::renderer::{DrawRequest, Renderer, Stereo, Target, midpoint};
+use crate::report::FrameReport;
+use crate::scene::SceneOnDevice;
+use crate::{RenderConfig, View};
+use ash::vk;
+use glam::DVec3;
+use gpu_allocator::MemoryLocation;
+use std::sync::Arc;
+
+/// An image of 8-bit sRGB-encoded values, rows from the top, `[r, g, b, a]` a pixel.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Picture {
+    /// Width and height, pixels.
+    pub size: [u32; 2],
+    /// `width · height` pixels.
+    pub pixels: Vec<[u8; 4]>,
+}
+
+/// Renders pictures offscreen and waits for each.
+pub struct Offscreen {
+    renderer: Renderer,
+    image: Option<Image>,
+    readback: Option<Buffer>,
+    buffers: SortBuffers,
+    order: SplatOrder,
+    stereo: Stereo,
+}
+
+impl Offscreen {
+    /// For a device.
+    ///
+    /// # Errors
+    /// The driver's.
+    pub fn new(gpu: &Arc<Gpu>) -> Result<Self, GpuError> {
+        let stereo = if gpu.capabilities.multiview { Stereo::Multiview } else { Stereo::TwoPass };
+        Ok(Self {
+            renderer: Renderer::new(gpu)?,
+            image: None,
+            readback: None,
+            buffers: SortBuffers::default(),
+            order: SplatOrder::default(),
+            stereo,
+        })
+    }
+
+    /// The renderer inside.
+    pub fn renderer(&mut self) -> &mut Renderer {
+        &mut self.renderer
+    }
+
+    /// Chooses how stereo is drawn.
+    pub fn set_stereo(&mut self, stereo: Stereo) {
+        self.stereo = stereo;
+    }
+
+    /// Sorts for the views' midpoint. Done by [`Offscreen::render`] too; on its own to tell sorting from drawing.
+    pub fn sort(&mut self, scene: &SceneOnDevice, views: &[View], config: &RenderConfig) {
+        let request = OrderRequest {
+            key: config.order,
+            bits: config.key_bits,
+            center: midpoint(views),
+            forward: views.first().map_or(DVec3::Z, |v| v.rotation.row(2)),
+            time: config.time,
+        };
+        sort_front_to_back(&scene.positions, &request, &mut self.buffers, &mut self.order.indices);
+        self.order.made(request);
+    }
+
+    /// Draws one frame of one or two views in the order of the last [`Offscreen::sort`], without reading it back.
+    ///
+    /// # Errors
+    /// The driver's, or a choice that the device does not allow.
+    pub fn draw(
+        &mut self,
+        scene: &SceneOnDevice,
+        views: &[View],
+        config: &RenderConfig,
+    ) -> Result<FrameReport, GpuError> {
+        self.record(scene, views, config, false)
+    }
+
+    /// Renders one or two views: sorts, draws, reads back.
+    ///
+    /// # Errors
+    /// The driver's, or a choice that the device does not allow.
+    pub fn render(
+        &mut self,
+        scene: &SceneOnDevice,
+        views: &[View],
+        config: &RenderConfig,
+    ) -> Result<(Vec<Picture>, FrameReport), GpuError> {
+        self.sort(scene, views, config);
+        let report = self.record(scene, views, config, true)?;
+        let size = views[0].size;
+        let count = (size[0] * size[1]) as usize;
+        let bytes = self.readback.as_ref().map(Buffer::mapped).unwrap_or_default();
+        let pictures = bytes
+            .chunks_exact(4 * count)
+            .take(views.len())
+            .map(|layer| Picture {
+                size,
+                pixels: layer.chunks_exact(4).map(|p| [p[0], p[1], p[2], p[3]]).collect(),
+            })
+            .collect();
+        Ok((pictures, report))
+    }
+
+    fn record(
+        &mut self,
+        scene: &SceneOnDevice,
+        views: &[View],
+        config: &RenderConfig,
+        read: bool,
+    ) -> Result<FrameReport, GpuError> {
+        let Some(first) = views.first() else {
+            return Err(GpuError::Config(crate::ConfigError("a frame needs one view or two".into())));
+        };
+        if views.iter().any(|v| v.size != first.size) {
+            return Err(GpuError::Config(crate::ConfigError(
+                "the views of a frame must be of one size".into(),
+            )));
+        }
+        let gpu = self.renderer.gpu().clone();
+        let description = ImageDescription {
+            format: vk::Format::R8G8B8A8_UNORM,
+            size: first.size,
+            layers: views.len() as u32,
+            usage: vk::ImageUsageFlags::COLOR_ATTACHMENT | vk::ImageUsageFlags::TRANSFER_SRC,
+            aspect: vk::ImageAspectFlags::COLOR,
+        };
+        if self.image.as_ref().is_none_or(|i| i.description() != description) {
+            self.renderer.forget_targets()?;
+            self.image = None;
+            self.readback = None;
+            self.image = Some(Image::new(&gpu, "picture", description)?);
+            let bytes = 4 * u64::from(first.size[0]) * u64::from(first.size[1]) * views.len() as u64;
+            self.readback = Some(Buffer::new(
+                &gpu,
+                "read-back",
+                bytes,
+                vk::BufferUsageFlags::TRANSFER_DST,
+                MemoryLocation::GpuToCpu,
+            )?);
+        }
+        let (Some(image), Some(readback)) = (&self.image, &self.readback) else {
+            return Err(GpuError::NoDevice("no image to draw into".into()));
+        };
+        let target = Target {
+            all: image.view(),
+            layers: [image.layer_view(0), image.layer_view(1)],
+            format: description.format,
+            size: first.size,
+            layout: vk::ImageLayout::TRANSFER_SRC_OPTIMAL,
+            background_alpha: 1.0,
+        };
+        let frame = self.renderer.begin()?;
+        self.renderer.draw(
+            &frame,
+            &DrawRequest { scene, order: &self.order, views, config, target: &target, stereo: self.stereo },
+        )?;
+        if read {
+            let copy = vk::BufferImageCopy {
+                image_subresource: vk::ImageSubresourceLayers {
+                    aspect_mask: vk::ImageAspectFlags::COLOR,
+                    mip_level: 0,
+                    base_array_layer: 0,
+                    layer_count: views.len() as u32,
+                },
+                image_extent: vk::Extent3D { width: first.size[0], height: first.size[1], depth: 1 },
+                ..Default::default()
+            };
+            let barrier = vk::MemoryBarrier::default()
+                .src_access_mask(vk::AccessFlags::TRANSFER_WRITE)
+                .dst_access_mask(vk::AccessFlags::HOST_READ);
+            // SAFETY: the pass left the image in the layout for copies; the buffer holds all layers.
+            unsafe {
+                gpu.device().cmd_copy_image_to_buffer(
+                    frame.commands(),
+                    image.raw(),
+                    vk::ImageLayout::TRANSFER_SRC_OPTIMAL,
+                    readback.raw(),
+                    &[copy],
+                );
+                gpu.device().cmd_pipeline_barrier(
+                    frame.commands(),
+                    vk::PipelineStageFlags::TRANSFER,
+                    vk::PipelineStageFlags::HOST,
+                    vk::DependencyFlags::empty(),
+                    &[barrier],
+                    &[],
+                    &[],
+                );
+            }
+        }
+        self.renderer.finish(frame)
+    }
+}

@@ -1,0 +1,526 @@
+//! Render passes and pipelines, made on first use and kept.
+
+use crate::gpu::{Gpu, GpuError};
+use ash::vk;
+use motes_shaders::layout::Specialization;
+use motes_shaders::modules;
+use std::collections::HashMap;
+use std::sync::Arc;
+
+fn call<T>(result: Result<T, vk::Result>, call: &'static str) -> Result<T, GpuError> {
+    result.map_err(|result| GpuError::Call { call, result })
+}
+
+/// What a render pass depends on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) struct PassKey {
+    /// Format of the blended image.
+    pub blended: vk::Format,
+    /// Format of the output.
+    pub output: vk::Format,
+    /// Layout the output is left in.
+    pub output_layout: vk::ImageLayout,
+    /// Views rendered at once, as a bit mask; 0 without multiview.
+    pub view_mask: u32,
+    /// Whether saturated pixels are marked in a depth attachment.
+    pub early_stop: bool,
+}
+
+/// The splats' pipelines differ by who makes the corners.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) enum Stages {
+    Precomputed,
+    Instanced,
+    Geometry,
+}
+
+/// The passes over a whole image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) enum FullScreen {
+    Mark,
+    Resolve,
+}
+
+/// The compute passes before drawing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) enum Preparation {
+    Project,
+    Plan,
+    Emit,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+enum PipelineKey {
+    Splats(PassKey, Stages, Specialization),
+    FullScreen(PassKey, FullScreen),
+    Compute(Preparation, Specialization),
+}
+
+/// Format of the marks of early stop.
+pub(crate) const MARK_FORMAT: vk::Format = vk::Format::D16_UNORM;
+
+/// Everything that is made once and looked up by key.
+pub(crate) struct Passes {
+    gpu: Arc<Gpu>,
+    pub set_layouts: [vk::DescriptorSetLayout; 4],
+    pub layout: vk::PipelineLayout,
+    cache: vk::PipelineCache,
+    passes: HashMap<PassKey, vk::RenderPass>,
+    pipelines: HashMap<PipelineKey, vk::Pipeline>,
+}
+
+/// Bytes of push constants that all pipelines share.
+pub(crate) const PUSH_BYTES: u32 = 32;
+
+impl Passes {
+    pub fn new(gpu: &Arc<Gpu>) -> Result<Self, GpuError> {
+        let mut made = Self {
+            gpu: gpu.clone(),
+            set_layouts: [vk::DescriptorSetLayout::null(); 4],
+            layout: vk::PipelineLayout::null(),
+            cache: vk::PipelineCache::null(),
+            passes: HashMap::new(),
+            pipelines: HashMap::new(),
+        };
+        let device = gpu.device();
+        let mut stages =
+            vk::ShaderStageFlags::VERTEX | vk::ShaderStageFlags::FRAGMENT | vk::ShaderStageFlags::COMPUTE;
+        if gpu.capabilities.geometry_shader {
+            stages |= vk::ShaderStageFlags::GEOMETRY;
+        }
+        let binding = |binding, kind, count| {
+            vk::DescriptorSetLayoutBinding::default()
+                .binding(binding)
+                .descriptor_type(kind)
+                .descriptor_count(count)
+                .stage_flags(stages)
+        };
+        let storage = vk::DescriptorType::STORAGE_BUFFER;
+        let sets = [
+            vec![binding(0, vk::DescriptorType::UNIFORM_BUFFER, 1)],
+            vec![binding(0, storage, 4), binding(1, storage, 4), binding(2, storage, 2)],
+            vec![
+                binding(0, storage, 1),
+                binding(1, storage, 2),
+                binding(2, storage, 1),
+                binding(3, storage, 1),
+                binding(4, storage, 1),
+                binding(5, storage, 1),
+                binding(6, storage, 1),
+            ],
+            vec![
+                vk::DescriptorSetLayoutBinding::default()
+                    .binding(0)
+                    .descriptor_type(vk::DescriptorType::INPUT_ATTACHMENT)
+                    .descriptor_count(1)
+                    .stage_flags(vk::ShaderStageFlags::FRAGMENT),
+            ],
+        ];
+        for (slot, bindings) in made.set_layouts.iter_mut().zip(&sets) {
+            let info = vk::DescriptorSetLayoutCreateInfo::default().bindings(bindings);
+            // SAFETY: `info` is complete.
+            *slot = call(
+                unsafe { device.create_descriptor_set_layout(&info, None) },
+                "vkCreateDescriptorSetLayout",
+            )?;
+        }
+        let push = [vk::PushConstantRange { stage_flags: stages, offset: 0, size: PUSH_BYTES }];
+        let info = vk::PipelineLayoutCreateInfo::default()
+            .set_layouts(&made.set_layouts)
+            .push_constant_ranges(&push);
+        // SAFETY: the set layouts were just made.
+        made.layout = call(unsafe { device.create_pipeline_layout(&info, None) }, "vkCreatePipelineLayout")?;
+        // SAFETY: an empty cache.
+        made.cache = call(
+            unsafe { device.create_pipeline_cache(&vk::PipelineCacheCreateInfo::default(), None) },
+            "vkCreatePipelineCache",
+        )?;
+        Ok(made)
+    }
+
+    /// Stages that see push constants.
+    pub fn push_stages(&self) -> vk::ShaderStageFlags {
+        let stages =
+            vk::ShaderStageFlags::VERTEX | vk::ShaderStageFlags::FRAGMENT | vk::ShaderStageFlags::COMPUTE;
+        if self.gpu.capabilities.geometry_shader { stages | vk::ShaderStageFlags::GEOMETRY } else { stages }
+    }
+
+    /// The render pass of a key. Attachments: blended image, output, marks (early stop only).
+    ///
+    /// Subpass 0 blends the splats. With early stop it also reads the blended image back as an input attachment, between
+    /// batches and on chip, to write the marks: its self-dependency allows the barrier. Subpass 1 resolves into the output.
+    pub fn pass(&mut self, key: PassKey) -> Result<vk::RenderPass, GpuError> {
+        if let Some(pass) = self.passes.get(&key) {
+            return Ok(*pass);
+        }
+        let blended_layout =
+            if key.early_stop { vk::ImageLayout::GENERAL } else { vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL };
+        let transient = |format, layout, load| {
+            vk::AttachmentDescription::default()
+                .format(format)
+                .samples(vk::SampleCountFlags::TYPE_1)
+                .load_op(load)
+                .store_op(vk::AttachmentStoreOp::DONT_CARE)
+                .stencil_load_op(vk::AttachmentLoadOp::DONT_CARE)
+                .stencil_store_op(vk::AttachmentStoreOp::DONT_CARE)
+                .initial_layout(vk::ImageLayout::UNDEFINED)
+                .final_layout(layout)
+        };
+        let mut attachments = vec![
+            transient(key.blended, vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL, vk::AttachmentLoadOp::CLEAR),
+            transient(key.output, key.output_layout, vk::AttachmentLoadOp::DONT_CARE)
+                .store_op(vk::AttachmentStoreOp::STORE),
+        ];
+        if key.early_stop {
+            attachments.push(transient(
+                MARK_FORMAT,
+                vk::ImageLayout::DEPTH_STENCIL_ATTACHMENT_OPTIMAL,
+                vk::AttachmentLoadOp::CLEAR,
+            ));
+        }
+        let blended = [vk::AttachmentReference { attachment: 0, layout: blended_layout }];
+        let blended_read =
+            [vk::AttachmentReference { attachment: 0, layout: vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL }];
+        let output =
+            [vk::AttachmentReference { attachment: 1, layout: vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL }];
+        let marks = vk::AttachmentReference {
+            attachment: 2,
+            layout: vk::ImageLayout::DEPTH_STENCIL_ATTACHMENT_OPTIMAL,
+        };
+        let mut splats = vk::SubpassDescription::default()
+            .pipeline_bind_point(vk::PipelineBindPoint::GRAPHICS)
+            .color_attachments(&blended);
+        if key.early_stop {
+            splats = splats.input_attachments(&blended).depth_stencil_attachment(&marks);
+        }
+        let resolve = vk::SubpassDescription::default()
+            .pipeline_bind_point(vk::PipelineBindPoint::GRAPHICS)
+            .input_attachments(&blended_read)
+            .color_attachments(&output);
+        let subpasses = [splats, resolve];
+        let by_region = if key.view_mask == 0 {
+            vk::DependencyFlags::BY_REGION
+        } else {
+            vk::DependencyFlags::BY_REGION | vk::DependencyFlags::VIEW_LOCAL
+        };
+        let tests =
+            vk::PipelineStageFlags::EARLY_FRAGMENT_TESTS | vk::PipelineStageFlags::LATE_FRAGMENT_TESTS;
+        let depth =
+            vk::AccessFlags::DEPTH_STENCIL_ATTACHMENT_READ | vk::AccessFlags::DEPTH_STENCIL_ATTACHMENT_WRITE;
+        let color = vk::AccessFlags::COLOR_ATTACHMENT_READ | vk::AccessFlags::COLOR_ATTACHMENT_WRITE;
+        let outside = vk::PipelineStageFlags::COLOR_ATTACHMENT_OUTPUT
+            | vk::PipelineStageFlags::FRAGMENT_SHADER
+            | vk::PipelineStageFlags::TRANSFER
+            | tests;
+        let mut dependencies = vec![
+            // The frame before may still read or write these images.
+            vk::SubpassDependency::default()
+                .src_subpass(vk::SUBPASS_EXTERNAL)
+                .dst_subpass(0)
+                .src_stage_mask(outside)
+                .dst_stage_mask(vk::PipelineStageFlags::COLOR_ATTACHMENT_OUTPUT | tests)
+                .src_access_mask(vk::AccessFlags::COLOR_ATTACHMENT_WRITE | depth)
+                .dst_access_mask(color | depth),
+            vk::SubpassDependency::default()
+                .src_subpass(vk::SUBPASS_EXTERNAL)
+                .dst_subpass(1)
+                .src_stage_mask(outside)
+                .dst_stage_mask(vk::PipelineStageFlags::COLOR_ATTACHMENT_OUTPUT)
+                .src_access_mask(vk::AccessFlags::COLOR_ATTACHMENT_WRITE)
+                .dst_access_mask(color),
+            vk::SubpassDependency::default()
+                .src_subpass(0)
+                .dst_subpass(1)
+                .src_stage_mask(vk::PipelineStageFlags::COLOR_ATTACHMENT_OUTPUT)
+                .dst_stage_mask(vk::PipelineStageFlags::FRAGMENT_SHADER)
+                .src_access_mask(vk::AccessFlags::COLOR_ATTACHMENT_WRITE)
+                .dst_access_mask(vk::AccessFlags::INPUT_ATTACHMENT_READ)
+                .dependency_flags(by_region),
+            vk::SubpassDependency::default()
+                .src_subpass(1)
+                .dst_subpass(vk::SUBPASS_EXTERNAL)
+                .src_stage_mask(vk::PipelineStageFlags::COLOR_ATTACHMENT_OUTPUT)
+                .dst_stage_mask(
+                    vk::PipelineStageFlags::TRANSFER
+                        | vk::PipelineStageFlags::FRAGMENT_SHADER
+                        | vk::PipelineStageFlags::BOTTOM_OF_PIPE,
+                )
+                .src_access_mask(vk::AccessFlags::COLOR_ATTACHMENT_WRITE)
+                .dst_access_mask(vk::AccessFlags::TRANSFER_READ | vk::AccessFlags::SHADER_READ),
+        ];
+        if key.early_stop {
+            dependencies.push(
+                vk::SubpassDependency::default()
+                    .src_subpass(0)
+                    .dst_subpass(0)
+                    .src_stage_mask(vk::PipelineStageFlags::COLOR_ATTACHMENT_OUTPUT)
+                    .dst_stage_mask(vk::PipelineStageFlags::FRAGMENT_SHADER)
+                    .src_access_mask(vk::AccessFlags::COLOR_ATTACHMENT_WRITE)
+                    .dst_access_mask(vk::AccessFlags::INPUT_ATTACHMENT_READ)
+                    .dependency_flags(by_region),
+            );
+        }
+        let masks = [key.view_mask; 2];
+        let mut multiview = vk::RenderPassMultiviewCreateInfo::default().view_masks(&masks);
+        let mut info = vk::RenderPassCreateInfo::default()
+            .attachments(&attachments)
+            .subpasses(&subpasses)
+            .dependencies(&dependencies);
+        if key.view_mask != 0 {
+            info = info.push_next(&mut multiview);
+        }
+        // SAFETY: `info` is complete and lives until the call returns.
+        let pass = call(unsafe { self.gpu.device().create_render_pass(&info, None) }, "vkCreateRenderPass")?;
+        self.passes.insert(key, pass);
+        Ok(pass)
+    }
+
+    /// The barrier that lets the marks be made from what has been blended so far.
+    pub fn blended_to_marks(&self, commands: vk::CommandBuffer, key: PassKey) {
+        let barrier = vk::MemoryBarrier::default()
+            .src_access_mask(vk::AccessFlags::COLOR_ATTACHMENT_WRITE)
+            .dst_access_mask(vk::AccessFlags::INPUT_ATTACHMENT_READ);
+        let mut flags = vk::DependencyFlags::BY_REGION;
+        if key.view_mask != 0 {
+            flags |= vk::DependencyFlags::VIEW_LOCAL;
+        }
+        // SAFETY: recorded inside subpass 0, whose self-dependency says the same.
+        unsafe {
+            self.gpu.device().cmd_pipeline_barrier(
+                commands,
+                vk::PipelineStageFlags::COLOR_ATTACHMENT_OUTPUT,
+                vk::PipelineStageFlags::FRAGMENT_SHADER,
+                flags,
+                &[barrier],
+                &[],
+                &[],
+            );
+        }
+    }
+
+    /// A compute pipeline.
+    pub fn compute(
+        &mut self,
+        what: Preparation,
+        specialization: Specialization,
+    ) -> Result<vk::Pipeline, GpuError> {
+        let key = PipelineKey::Compute(what, specialization);
+        if let Some(pipeline) = self.pipelines.get(&key) {
+            return Ok(*pipeline);
+        }
+        let code = match what {
+            Preparation::Project => modules::PROJECT_COMP,
+            Preparation::Plan => modules::PLAN_COMP,
+            Preparation::Emit => modules::EMIT_COMP,
+        };
+        let module = Module::new(&self.gpu, code)?;
+        let entries = specialization_entries();
+        let constants =
+            vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::bytes_of(&specialization));
+        let stage = module.stage(vk::ShaderStageFlags::COMPUTE).specialization_info(&constants);
+        let info = vk::ComputePipelineCreateInfo::default().stage(stage).layout(self.layout);
+        // SAFETY: module and layout are alive; the constants' map lies within their data.
+        let made = unsafe { self.gpu.device().create_compute_pipelines(self.cache, &[info], None) };
+        let pipeline = call(made.map_err(|(_, e)| e), "vkCreateComputePipelines")?[0];
+        self.pipelines.insert(key, pipeline);
+        Ok(pipeline)
+    }
+
+    /// The pipeline that draws splats.
+    pub fn splats(
+        &mut self,
+        pass: PassKey,
+        stages: Stages,
+        specialization: Specialization,
+    ) -> Result<vk::Pipeline, GpuError> {
+        let key = PipelineKey::Splats(pass, stages, specialization);
+        if let Some(pipeline) = self.pipelines.get(&key) {
+            return Ok(*pipeline);
+        }
+        let exact = specialization.projection == crate::Projection::Exact as u32;
+        let multiview = pass.view_mask != 0;
+        let vertex = match (stages, exact, multiview) {
+            (Stages::Precomputed, false, false) => modules::SPLAT_VERT,
+            (Stages::Precomputed, true, false) => modules::SPLAT_VERT_EXACT,
+            (Stages::Precomputed, false, true) => modules::SPLAT_VERT_MULTIVIEW,
+            (Stages::Precomputed, true, true) => modules::SPLAT_VERT_EXACT_MULTIVIEW,
+            (Stages::Instanced, false, false) => modules::INSTANCED_VERT,
+            (Stages::Instanced, true, false) => modules::INSTANCED_VERT_EXACT,
+            (Stages::Instanced, false, true) => modules::INSTANCED_VERT_MULTIVIEW,
+            (Stages::Instanced, true, true) => modules::INSTANCED_VERT_EXACT_MULTIVIEW,
+            (Stages::Geometry, ..) => modules::POINT_VERT,
+        };
+        let fragment = if exact { modules::SPLAT_FRAG_EXACT } else { modules::SPLAT_FRAG };
+        let vertex = Module::new(&self.gpu, vertex)?;
+        let fragment = Module::new(&self.gpu, fragment)?;
+        let geometry = match stages {
+            Stages::Geometry => Some(Module::new(
+                &self.gpu,
+                if exact { modules::SPLAT_GEOM_EXACT } else { modules::SPLAT_GEOM },
+            )?),
+            _ => None,
+        };
+        let entries = specialization_entries();
+        let constants =
+            vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::bytes_of(&specialization));
+        let mut shader_stages = vec![
+            vertex.stage(vk::ShaderStageFlags::VERTEX).specialization_info(&constants),
+            fragment.stage(vk::ShaderStageFlags::FRAGMENT).specialization_info(&constants),
+        ];
+        if let Some(geometry) = &geometry {
+            shader_stages
+                .push(geometry.stage(vk::ShaderStageFlags::GEOMETRY).specialization_info(&constants));
+        }
+        // Premultiplied colours: over from behind, or under what is already there.
+        let (source, destination) = if specialization.composite == COMPOSITE_BACK_TO_FRONT {
+            (vk::BlendFactor::ONE, vk::BlendFactor::ONE_MINUS_SRC_ALPHA)
+        } else {
+            (vk::BlendFactor::ONE_MINUS_DST_ALPHA, vk::BlendFactor::ONE)
+        };
+        let blend = vk::PipelineColorBlendAttachmentState::default()
+            .blend_enable(true)
+            .src_color_blend_factor(source)
+            .dst_color_blend_factor(destination)
+            .color_blend_op(vk::BlendOp::ADD)
+            .src_alpha_blend_factor(source)
+            .dst_alpha_blend_factor(destination)
+            .alpha_blend_op(vk::BlendOp::ADD)
+            .color_write_mask(vk::ColorComponentFlags::RGBA);
+        let topology = if stages == Stages::Geometry {
+            vk::PrimitiveTopology::POINT_LIST
+        } else {
+            vk::PrimitiveTopology::TRIANGLE_LIST
+        };
+        // Splats lie at depth ½ everywhere; a mark (0) stops them.
+        let depth = vk::PipelineDepthStencilStateCreateInfo::default()
+            .depth_test_enable(pass.early_stop)
+            .depth_write_enable(false)
+            .depth_compare_op(vk::CompareOp::LESS);
+        let pipeline = self.graphics(pass, 0, &shader_stages, topology, &blend, &depth)?;
+        self.pipelines.insert(key, pipeline);
+        Ok(pipeline)
+    }
+
+    /// A pipeline over the whole image.
+    pub fn full_screen(&mut self, pass: PassKey, what: FullScreen) -> Result<vk::Pipeline, GpuError> {
+        let key = PipelineKey::FullScreen(pass, what);
+        if let Some(pipeline) = self.pipelines.get(&key) {
+            return Ok(*pipeline);
+        }
+        let vertex = Module::new(&self.gpu, modules::FULLSCREEN_VERT)?;
+        let (fragment, subpass, writes) = match what {
+            FullScreen::Mark => (modules::MARK_FRAG, 0, vk::ColorComponentFlags::empty()),
+            FullScreen::Resolve => (modules::RESOLVE_FRAG, 1, vk::ColorComponentFlags::RGBA),
+        };
+        let fragment = Module::new(&self.gpu, fragment)?;
+        let stages =
+            [vertex.stage(vk::ShaderStageFlags::VERTEX), fragment.stage(vk::ShaderStageFlags::FRAGMENT)];
+        let blend = vk::PipelineColorBlendAttachmentState::default().color_write_mask(writes);
+        let mark = what == FullScreen::Mark;
+        let depth = vk::PipelineDepthStencilStateCreateInfo::default()
+            .depth_test_enable(mark)
+            .depth_write_enable(mark)
+            .depth_compare_op(vk::CompareOp::LESS);
+        let pipeline =
+            self.graphics(pass, subpass, &stages, vk::PrimitiveTopology::TRIANGLE_LIST, &blend, &depth)?;
+        self.pipelines.insert(key, pipeline);
+        Ok(pipeline)
+    }
+
+    fn graphics(
+        &mut self,
+        pass: PassKey,
+        subpass: u32,
+        stages: &[vk::PipelineShaderStageCreateInfo<'_>],
+        topology: vk::PrimitiveTopology,
+        blend: &vk::PipelineColorBlendAttachmentState,
+        depth: &vk::PipelineDepthStencilStateCreateInfo<'_>,
+    ) -> Result<vk::Pipeline, GpuError> {
+        let render_pass = self.pass(pass)?;
+        let vertex_input = vk::PipelineVertexInputStateCreateInfo::default();
+        let assembly = vk::PipelineInputAssemblyStateCreateInfo::default().topology(topology);
+        let viewport = vk::PipelineViewportStateCreateInfo::default().viewport_count(1).scissor_count(1);
+        // Never culled: a mirrored axis must not make a splat vanish.
+        let raster = vk::PipelineRasterizationStateCreateInfo::default()
+            .polygon_mode(vk::PolygonMode::FILL)
+            .cull_mode(vk::CullModeFlags::NONE)
+            .line_width(1.0);
+        let samples = vk::PipelineMultisampleStateCreateInfo::default()
+            .rasterization_samples(vk::SampleCountFlags::TYPE_1);
+        let blends = [*blend];
+        let blending = vk::PipelineColorBlendStateCreateInfo::default().attachments(&blends);
+        let dynamic = [vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR];
+        let dynamic = vk::PipelineDynamicStateCreateInfo::default().dynamic_states(&dynamic);
+        let info = vk::GraphicsPipelineCreateInfo::default()
+            .stages(stages)
+            .vertex_input_state(&vertex_input)
+            .input_assembly_state(&assembly)
+            .viewport_state(&viewport)
+            .rasterization_state(&raster)
+            .multisample_state(&samples)
+            .depth_stencil_state(depth)
+            .color_blend_state(&blending)
+            .dynamic_state(&dynamic)
+            .layout(self.layout)
+            .render_pass(render_pass)
+            .subpass(subpass);
+        // SAFETY: everything that `info` points to lives until the call returns.
+        let made = unsafe { self.gpu.device().create_graphics_pipelines(self.cache, &[info], None) };
+        Ok(call(made.map_err(|(_, e)| e), "vkCreateGraphicsPipelines")?[0])
+    }
+}
+
+/// `COMPOSITE_BACK_TO_FRONT` of the shaders.
+pub(crate) const COMPOSITE_BACK_TO_FRONT: u32 = 1;
+
+fn specialization_entries() -> Vec<vk::SpecializationMapEntry> {
+    (0..(size_of::<Specialization>() / 4) as u32)
+        .map(|i| vk::SpecializationMapEntry { constant_id: i, offset: 4 * i, size: 4 })
+        .collect()
+}
+
+/// A shader module that lives while a pipeline is made.
+struct Module {
+    gpu: Arc<Gpu>,
+    raw: vk::ShaderModule,
+}
+
+impl Module {
+    fn new(gpu: &Arc<Gpu>, code: &[u32]) -> Result<Self, GpuError> {
+        let info = vk::ShaderModuleCreateInfo::default().code(code);
+        // SAFETY: the code is SPIR-V, compiled at build time.
+        let raw = call(unsafe { gpu.device().create_shader_module(&info, None) }, "vkCreateShaderModule")?;
+        Ok(Self { gpu: gpu.clone(), raw })
+    }
+
+    fn stage(&self, stage: vk::ShaderStageFlags) -> vk::PipelineShaderStageCreateInfo<'static> {
+        vk::PipelineShaderStageCreateInfo::default().stage(stage).module(self.raw).name(c"main")
+    }
+}
+
+impl Drop for Module {
+    fn drop(&mut self) {
+        // SAFETY: pipelines keep what they need of a module.
+        unsafe { self.gpu.device().destroy_shader_module(self.raw, None) };
+    }
+}
+
+impl Drop for Passes {
+    fn drop(&mut self) {
+        let device = self.gpu.device();
+        // SAFETY: the renderer that owns this has waited for its frames.
+        unsafe {
+            for pipeline in self.pipelines.values() {
+                device.destroy_pipeline(*pipeline, None);
+            }
+            for pass in self.passes.values() {
+                device.destroy_render_pass(*pass, None);
+            }
+            device.destroy_pipeline_cache(self.cache, None);
+            device.destroy_pipeline_layout(self.layout, None);
+            for layout in self.set_layouts {
+                device.destroy_descriptor_set_layout(layout, None);
+            }
+        }
+    }
+}

@@ -1,0 +1,188 @@
+//! What a frame took: device times of whole passes, counts, and what the device itself predicted.
+
+use crate::gpu::{Gpu, GpuError};
+use ash::vk;
+use std::sync::Arc;
+
+fn call<T>(result: Result<T, vk::Result>, call: &'static str) -> Result<T, GpuError> {
+    result.map_err(|result| GpuError::Call { call, result })
+}
+
+/// What one frame took.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct FrameReport {
+    /// Views.
+    pub views: u32,
+    /// Pixels of all views.
+    pub pixels: u64,
+    /// Device time of the order's upload, ns. 0 where the device has no timestamps.
+    pub upload_ns: f64,
+    /// Device time of the compute passes before drawing, ns.
+    pub prepare_ns: f64,
+    /// Device time of drawing and resolving, ns.
+    pub draw_ns: f64,
+    /// Vertex-stage invocations.
+    pub vertices: u64,
+    /// Primitives that reached the rasteriser.
+    pub primitives: u64,
+    /// Fragment-stage invocations, splats and full-screen passes together.
+    pub fragments: u64,
+    /// Fragments of the full-screen passes among them (marks of early stop, resolve).
+    pub full_screen_fragments: u64,
+    /// Splats drawn (precomputed expansion).
+    pub visible: u32,
+    /// Pixels of all polygons, as predicted before drawing (precomputed expansion).
+    pub predicted_fragments: f32,
+}
+
+impl FrameReport {
+    /// Device time of everything, ns.
+    pub fn device_ns(&self) -> f64 {
+        self.upload_ns + self.prepare_ns + self.draw_ns
+    }
+
+    /// Fragments of splats per pixel.
+    pub fn layers(&self) -> f64 {
+        self.fragments.saturating_sub(self.full_screen_fragments) as f64 / self.pixels.max(1) as f64
+    }
+}
+
+const STAMPS: u32 = 4;
+
+/// Timestamps between passes, and statistics of the drawing.
+pub(crate) struct Queries {
+    gpu: Arc<Gpu>,
+    stamps: vk::QueryPool,
+    statistics: vk::QueryPool,
+    used: std::cell::Cell<bool>,
+}
+
+impl Queries {
+    pub fn new(gpu: &Arc<Gpu>) -> Result<Self, GpuError> {
+        let mut queries = Self {
+            gpu: gpu.clone(),
+            stamps: vk::QueryPool::null(),
+            statistics: vk::QueryPool::null(),
+            used: false.into(),
+        };
+        if gpu.capabilities.timestamp_period > 0.0 {
+            let info =
+                vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(STAMPS);
+            // SAFETY: `info` is complete.
+            queries.stamps =
+                call(unsafe { gpu.device().create_query_pool(&info, None) }, "vkCreateQueryPool")?;
+        }
+        if gpu.capabilities.pipeline_statistics {
+            let what = vk::QueryPipelineStatisticFlags::VERTEX_SHADER_INVOCATIONS
+                | vk::QueryPipelineStatisticFlags::CLIPPING_PRIMITIVES
+                | vk::QueryPipelineStatisticFlags::FRAGMENT_SHADER_INVOCATIONS;
+            let info = vk::QueryPoolCreateInfo::default()
+                .query_type(vk::QueryType::PIPELINE_STATISTICS)
+                .query_count(1)
+                .pipeline_statistics(what);
+            // SAFETY: `info` is complete.
+            queries.statistics =
+                call(unsafe { gpu.device().create_query_pool(&info, None) }, "vkCreateQueryPool")?;
+        }
+        Ok(queries)
+    }
+
+    pub fn reset(&self, commands: vk::CommandBuffer) {
+        self.used.set(false);
+        // SAFETY: recorded outside any render pass, before any use of the queries.
+        unsafe {
+            if self.stamps != vk::QueryPool::null() {
+                self.gpu.device().cmd_reset_query_pool(commands, self.stamps, 0, STAMPS);
+            }
+            if self.statistics != vk::QueryPool::null() {
+                self.gpu.device().cmd_reset_query_pool(commands, self.statistics, 0, 1);
+            }
+        }
+    }
+
+    pub fn stamp(&self, commands: vk::CommandBuffer, index: u32) {
+        if self.stamps != vk::QueryPool::null() {
+            // SAFETY: each stamp is written once a frame, outside render passes.
+            unsafe {
+                self.gpu.device().cmd_write_timestamp(
+                    commands,
+                    vk::PipelineStageFlags::BOTTOM_OF_PIPE,
+                    self.stamps,
+                    index,
+                );
+            }
+        }
+    }
+
+    pub fn begin_statistics(&self, commands: vk::CommandBuffer) {
+        self.used.set(true);
+        if self.statistics != vk::QueryPool::null() {
+            // SAFETY: ended by `end_statistics` in the same command buffer.
+            unsafe {
+                self.gpu.device().cmd_begin_query(
+                    commands,
+                    self.statistics,
+                    0,
+                    vk::QueryControlFlags::empty(),
+                )
+            };
+        }
+    }
+
+    pub fn end_statistics(&self, commands: vk::CommandBuffer) {
+        if self.statistics != vk::QueryPool::null() {
+            // SAFETY: begun by `begin_statistics`.
+            unsafe { self.gpu.device().cmd_end_query(commands, self.statistics, 0) };
+        }
+    }
+
+    /// Reads the results of a frame that is done. A frame that drew nothing has none.
+    pub fn read(&self, report: &mut FrameReport) -> Result<(), GpuError> {
+        if !self.used.get() {
+            return Ok(());
+        }
+        let device = self.gpu.device();
+        if self.stamps != vk::QueryPool::null() {
+            let mut ticks = [0u64; STAMPS as usize];
+            // SAFETY: all stamps were written by the frame, which is done.
+            call(
+                unsafe {
+                    device.get_query_pool_results(self.stamps, 0, &mut ticks, vk::QueryResultFlags::TYPE_64)
+                },
+                "vkGetQueryPoolResults",
+            )?;
+            let period = f64::from(self.gpu.capabilities.timestamp_period);
+            let ns = |a: usize, b: usize| ticks[b].saturating_sub(ticks[a]) as f64 * period;
+            report.upload_ns = ns(0, 1);
+            report.prepare_ns = ns(1, 2);
+            report.draw_ns = ns(2, 3);
+        }
+        if self.statistics != vk::QueryPool::null() {
+            let mut counts = [[0u64; 3]];
+            // SAFETY: as above.
+            call(
+                unsafe {
+                    device.get_query_pool_results(
+                        self.statistics,
+                        0,
+                        &mut counts,
+                        vk::QueryResultFlags::TYPE_64,
+                    )
+                },
+                "vkGetQueryPoolResults",
+            )?;
+            [report.vertices, report.primitives, report.fragments] = counts[0];
+        }
+        Ok(())
+    }
+}
+
+impl Drop for Queries {
+    fn drop(&mut self) {
+        // SAFETY: the renderer has waited for its frames. Null handles are ignored.
+        unsafe {
+            self.gpu.device().destroy_query_pool(self.stamps, None);
+            self.gpu.device().destroy_query_pool(self.statistics, None);
+        }
+    }
+}

@@ -1,0 +1,146 @@
+//! A scene on the device.
+
+use crate::gpu::{Buffer, Gpu, GpuError};
+use crate::order::Positions;
+use crate::packing::Packing;
+use crate::upload::Uploader;
+use ash::vk;
+use glam::DVec3;
+use gpu_allocator::MemoryLocation;
+use motes_scenes::Splats;
+use motes_shaders::layout::{MOTION_SHIFT, MOTION_SLOTS, MOTION_WORDS, STREAM_SLOTS};
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// One attribute stream, split over bindings of at most the device's limit at a power of two of splats.
+pub struct Stream {
+    /// One buffer a binding, at least one (a word of nothing where the scene lacks the attribute).
+    pub buffers: Vec<Buffer>,
+    /// log2 of the splats in one binding.
+    pub shift: u32,
+    /// Bytes a splat.
+    pub splat_bytes: u64,
+}
+
+impl Stream {
+    /// Bytes on the device.
+    pub fn bytes(&self) -> u64 {
+        if self.splat_bytes == 0 { 0 } else { self.buffers.iter().map(Buffer::bytes).sum() }
+    }
+}
+
+/// A scene on the device, and what sorting needs of it on the processor.
+pub struct SceneOnDevice {
+    /// Number of splats.
+    pub splats: u32,
+    /// The scene's origin, subtracted from every position.
+    pub origin: DVec3,
+    /// How it is stored.
+    pub packing: Packing,
+    /// Means, rotations, scales, opacities, base colours.
+    pub geometry: Stream,
+    /// Spherical harmonics above the constant band.
+    pub harmonics: Stream,
+    /// Motion.
+    pub motion: Stream,
+    /// Whether splats move.
+    pub moving: bool,
+    /// Positions for sorting.
+    pub positions: Arc<Positions>,
+}
+
+impl SceneOnDevice {
+    /// Packs and uploads a scene.
+    ///
+    /// # Errors
+    /// More than the device can bind or hold; the error says what would fit.
+    pub fn new(gpu: &Arc<Gpu>, splats: &Splats, packing: Packing) -> Result<Self, GpuError> {
+        let packing = Packing { sh_degree: packing.sh_degree.min(splats.sh_degree), ..packing };
+        let mut uploader = Uploader::new(gpu)?;
+        let mut stream = |name, words: usize, slots, shift, pack: &(dyn Fn(usize, &mut [u32]) + Sync)| {
+            upload_stream(gpu, &mut uploader, splats.len(), &StreamShape { name, words, slots, shift }, pack)
+        };
+        let geometry =
+            stream("splat geometry", packing.geometry_words(), STREAM_SLOTS, None, &|first, words| {
+                packing.geometry(splats, first, words)
+            })?;
+        let harmonics =
+            stream("spherical harmonics", packing.sh_words(), STREAM_SLOTS, None, &|first, words| {
+                packing.harmonics(splats, first, words)
+            })?;
+        let motion_words = if splats.motion.is_some() { MOTION_WORDS as usize } else { 0 };
+        let motion = stream("motion", motion_words, MOTION_SLOTS, Some(MOTION_SHIFT), &|first, words| {
+            Packing::motion(splats, first, words);
+        })?;
+        Ok(Self {
+            splats: splats.len() as u32,
+            origin: splats.origin.into(),
+            packing,
+            geometry,
+            harmonics,
+            motion,
+            moving: splats.motion.is_some(),
+            positions: Arc::new(Positions::of(splats)),
+        })
+    }
+
+    /// Bytes on the device, all streams.
+    pub fn bytes(&self) -> u64 {
+        self.geometry.bytes() + self.harmonics.bytes() + self.motion.bytes()
+    }
+}
+
+struct StreamShape {
+    name: &'static str,
+    words: usize,
+    slots: u32,
+    shift: Option<u32>,
+}
+
+fn upload_stream(
+    gpu: &Arc<Gpu>,
+    uploader: &mut Uploader,
+    splats: usize,
+    shape: &StreamShape,
+    pack: &(dyn Fn(usize, &mut [u32]) + Sync),
+) -> Result<Stream, GpuError> {
+    let &StreamShape { name, words, slots, shift } = shape;
+    let usage = vk::BufferUsageFlags::STORAGE_BUFFER | vk::BufferUsageFlags::TRANSFER_DST;
+    let splat_bytes = words as u64 * 4;
+    if words == 0 || splats == 0 {
+        let buffer = Buffer::new(gpu, name, 16, usage, MemoryLocation::GpuOnly)?;
+        return Ok(Stream { buffers: vec![buffer], shift: 0, splat_bytes });
+    }
+    let limit = gpu.capabilities.max_storage_range;
+    let shift = shift.unwrap_or_else(|| (limit / splat_bytes).ilog2().min(30));
+    let per_binding = (1u64 << shift).min(limit / splat_bytes);
+    // A single binding needs no split, so it may be filled up to the limit.
+    let single = splats as u64 * splat_bytes <= limit;
+    let fits = if single { splats as u64 } else { per_binding * u64::from(slots) };
+    if splats as u64 > fits {
+        let needed = splats as u64 * splat_bytes;
+        return Err(GpuError::SceneTooLarge {
+            splats,
+            stream: name,
+            needed,
+            available: limit * u64::from(slots),
+            fits,
+        });
+    }
+    let step = if single { splats } else { per_binding as usize };
+    let mut buffers = Vec::new();
+    for first in (0..splats).step_by(step) {
+        let count = step.min(splats - first);
+        let buffer = Buffer::new(gpu, name, count as u64 * splat_bytes, usage, MemoryLocation::GpuOnly)?;
+        uploader.fill(&buffer, count * words, words, |at, chunk| {
+            // Chunks begin at whole splats.
+            let per_task = 4096 * words;
+            chunk
+                .par_chunks_mut(per_task)
+                .enumerate()
+                .for_each(|(task, part)| pack(first + (at + task * per_task) / words, part));
+        })?;
+        buffers.push(buffer);
+    }
+    Ok(Stream { buffers, shift, splat_bytes })
+}

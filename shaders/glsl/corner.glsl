@@ -1,0 +1,78 @@
+// From an ellipse to the corners of the polygon that covers it.
+#ifndef CORNER_GLSL
+#define CORNER_GLSL
+#include "projection.glsl"
+
+uint corners_per_splat() { return SHAPE == SHAPE_OCTAGON ? 8u : 4u; }
+
+// Corner of the shape around the unit circle.
+vec2 shape_corner(uint corner) {
+    if (SHAPE == SHAPE_OCTAGON) {
+        // Circumscribed: tan(π/8) beside 1.
+        const float T = 0.41421356;
+        const vec2 C[8] = vec2[8](vec2(1.0, T), vec2(T, 1.0), vec2(-T, 1.0), vec2(-1.0, T),
+                                  vec2(-1.0, -T), vec2(-T, -1.0), vec2(T, -1.0), vec2(1.0, -T));
+        return C[corner];
+    }
+    if (SHAPE == SHAPE_DIAMOND) {
+        const vec2 C[4] = vec2[4](vec2(1.0, 0.0), vec2(0.0, 1.0), vec2(-1.0, 0.0), vec2(0.0, -1.0));
+        return C[corner];
+    }
+    const vec2 C[4] = vec2[4](vec2(1.0, 1.0), vec2(-1.0, 1.0), vec2(-1.0, -1.0), vec2(1.0, -1.0));
+    return C[corner];
+}
+
+// A point of eye space in clip space. Depth is a constant half: splats only read the depth that early stop writes.
+vec4 to_clip(vec3 p, vec4 t) {
+    return vec4((2.0 * p.x - (t.y + t.x) * p.z) / (t.y - t.x), (2.0 * p.y - (t.w + t.z) * p.z) / (t.w - t.z),
+                0.5 * p.z, p.z);
+}
+
+const vec4 OUTSIDE = vec4(2.0, 2.0, 2.0, 1.0);
+
+struct Corner {
+    vec4 position;
+    vec3 plane; // (p, q, 1) in standard deviations, homogeneous
+};
+
+Corner splat_corner(uint corner, vec3 m, vec2 major, float ratio, float opacity, vec2 linear, vec3 quadratic,
+                    ViewData view) {
+    vec3 u = vec3(1.0, 0.0, 0.0), v = vec3(0.0, 1.0, 0.0);
+    if (PROJECTION != PROJECTION_AFFINE) tangent_basis(m, u, v);
+    vec2 minor = ratio * vec2(-major.y, major.x);
+    float k = polygon_radius(opacity);
+    Corner c;
+    vec2 unit = shape_corner(corner);
+    Reach reach = reach_of(k, linear, quadratic);
+    if (PROJECTION == PROJECTION_EXACT && !reach.bounded) {
+        // The whole image: the corner's ray d in the plane's coordinates is (u·d, v·d) / (m·d), kept homogeneous.
+        vec2 ndc = vec2(SHAPE == SHAPE_OCTAGON ? sign(unit) : SHAPE == SHAPE_DIAMOND ? vec2(unit.x + unit.y, unit.y - unit.x) : unit);
+        vec4 t = view.tangents;
+        vec3 d = vec3(mix(t.xz, t.yw, 0.5 * ndc + 0.5), 1.0);
+        vec2 plane = vec2(dot(u, d), dot(v, d));
+        float inverse_det = 1.0 / (major.x * minor.y - major.y * minor.x);
+        c.plane = vec3((minor.y * plane.x - minor.x * plane.y) * inverse_det,
+                       (major.x * plane.y - major.y * plane.x) * inverse_det, dot(m, d));
+        c.position = vec4(ndc, 0.5, 1.0);
+        return c;
+    }
+    vec2 pq;
+    if (PROJECTION == PROJECTION_EXACT) {
+        // Cholesky factor of the reach: any factor turns the shape around the circle into one around the ellipse.
+        float l11 = sqrt(reach.covariance.x);
+        float l21 = reach.covariance.y / l11;
+        float l22 = sqrt(max(0.0, reach.covariance.z - l21 * l21));
+        pq = reach.center + vec2(l11 * unit.x, l21 * unit.x + l22 * unit.y);
+    } else if (SHAPE == SHAPE_AXIS_ALIGNED) {
+        vec2 ab = k * unit * sqrt(vec2(major.x * major.x + minor.x * minor.x, major.y * major.y + minor.y * minor.y));
+        pq = vec2(dot(ab, major) / dot(major, major), dot(ab, minor) / max(dot(minor, minor), 1e-30));
+    } else {
+        pq = k * unit;
+    }
+    vec2 ab = pq.x * major + pq.y * minor;
+    c.position = to_clip(m + ab.x * u + ab.y * v, view.tangents);
+    c.plane = vec3(pq, 1.0);
+    return c;
+}
+
+#endif

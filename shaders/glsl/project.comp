@@ -1,0 +1,63 @@
+#version 460
+// One invocation per splat, in sorted order: projects it into every view, evaluates its colour, writes its records,
+// and counts what its workgroup draws.
+#include "harmonics.glsl"
+#include "records.glsl"
+
+layout(local_size_x = BLOCK) in;
+layout(set = 2, binding = 0, std430) readonly buffer Order { uint order[]; };
+layout(set = 2, binding = 1, std430) writeonly buffer Records { uint words[]; } records[2];
+layout(set = 2, binding = 2, std430) writeonly buffer Blocks { vec2 blocks[]; }; // visible splats, pixels
+layout(set = 2, binding = 3, std430) writeonly buffer Flags { uint flags[]; };
+
+shared vec2 sums[BLOCK];
+
+void write_record(uint view, uint slot, Ellipse e, vec3 color) {
+    uint at = slot * record_words();
+    uint rg = packHalf2x16(color.rg);
+    uint ba = packHalf2x16(vec2(color.b, e.visible ? e.opacity : 0.0));
+    uint words[13] = uint[13](floatBitsToUint(e.m.x), floatBitsToUint(e.m.y), floatBitsToUint(e.m.z),
+                              floatBitsToUint(e.major.x), floatBitsToUint(e.major.y), floatBitsToUint(e.ratio), rg, ba,
+                              floatBitsToUint(e.linear.x), floatBitsToUint(e.linear.y), floatBitsToUint(e.quadratic.x),
+                              floatBitsToUint(e.quadratic.y), floatBitsToUint(e.quadratic.z));
+    if (view == 0u) {
+        for (uint w = 0u; w < record_words(); w++) records[0].words[at + w] = words[w];
+    } else {
+        for (uint w = 0u; w < record_words(); w++) records[1].words[at + w] = words[w];
+    }
+}
+
+void main() {
+    uint n = frame.counts.x;
+    uint slot = gl_GlobalInvocationID.x;
+    vec2 mine = vec2(0.0);
+    if (slot < n) {
+        uint i = order[COMPOSITE == COMPOSITE_BACK_TO_FRONT ? n - 1u - slot : slot];
+        Splat s = read_splat(i);
+        if (MOTION) move_splat(s, i, frame.filters.w);
+        Ellipse e[2];
+        bool visible = false;
+        for (uint view = 0u; view < VIEWS; view++) {
+            e[view] = project_splat(s, frame.views[view]);
+            visible = visible || e[view].visible;
+            mine.y += e[view].visible ? e[view].area : 0.0;
+        }
+        if (visible) {
+            for (uint view = 0u; view < VIEWS; view++) {
+                vec3 color = splat_color(i, s.base, normalize(s.mean - frame.views[view].eye.xyz));
+                write_record(view, slot, e[view], color);
+            }
+            mine.x = 1.0;
+        }
+        flags[slot] = visible ? 1u : 0u;
+    }
+    // A tree, not an atomic: sums of floats come out the same every time.
+    uint local = gl_LocalInvocationID.x;
+    sums[local] = mine;
+    barrier();
+    for (uint step = BLOCK / 2u; step > 0u; step >>= 1) {
+        if (local < step) sums[local] += sums[local + step];
+        barrier();
+    }
+    if (local == 0u) blocks[gl_WorkGroupID.x] = sums[0];
+}

@@ -1,0 +1,55 @@
+#version 460
+// Precomputed expansion: a corner from a record.
+#include "corner.glsl"
+#include "records.glsl"
+#include "varyings.glsl"
+
+layout(set = 2, binding = 1, std430) readonly buffer Records { uint words[]; } records[2];
+layout(set = 2, binding = 5, std430) readonly buffer PlanBuffer { Plan plan; };
+layout(set = 2, binding = 6, std430) readonly buffer Visible { uint visible[]; };
+layout(push_constant) uniform Push { uint batch; uint view; } push;
+
+uint view_index() {
+#ifdef MULTIVIEW
+    return uint(gl_ViewIndex);
+#else
+    return push.view;
+#endif
+}
+
+uint record_word(uint view, uint at) { return view == 0u ? records[0].words[at] : records[1].words[at]; }
+
+void main() {
+    uint corners = corners_per_splat();
+    uint quad = uint(gl_VertexIndex) / corners;
+    uint at = plan.starts[push.batch] + uint(gl_InstanceIndex) * QUADS_PER_INSTANCE + quad;
+    gl_Position = OUTSIDE;
+    plane = vec3(0.0);
+    color = vec4(0.0);
+#ifdef EXACT
+    linear = vec2(0.0);
+    quadratic = vec3(0.0);
+#endif
+    if (at >= plan.starts[push.batch + 1u]) return;
+    uint view = view_index();
+    uint word = visible[at] * record_words();
+    vec2 ba = unpackHalf2x16(record_word(view, word + 7u));
+    if (!(ba.y > 0.0)) return;
+    vec3 m = vec3(uintBitsToFloat(record_word(view, word)), uintBitsToFloat(record_word(view, word + 1u)),
+                  uintBitsToFloat(record_word(view, word + 2u)));
+    vec2 major = vec2(uintBitsToFloat(record_word(view, word + 3u)), uintBitsToFloat(record_word(view, word + 4u)));
+    float ratio = uintBitsToFloat(record_word(view, word + 5u));
+    color = vec4(unpackHalf2x16(record_word(view, word + 6u)), ba);
+    vec2 l = vec2(0.0);
+    vec3 h = vec3(0.0);
+#ifdef EXACT
+    l = vec2(uintBitsToFloat(record_word(view, word + 8u)), uintBitsToFloat(record_word(view, word + 9u)));
+    h = vec3(uintBitsToFloat(record_word(view, word + 10u)), uintBitsToFloat(record_word(view, word + 11u)),
+             uintBitsToFloat(record_word(view, word + 12u)));
+    linear = l;
+    quadratic = h;
+#endif
+    Corner c = splat_corner(uint(gl_VertexIndex) % corners, m, major, ratio, color.a, l, h, frame.views[view]);
+    gl_Position = c.position;
+    plane = c.plane;
+}
