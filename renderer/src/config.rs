@@ -329,11 +329,6 @@ impl RenderConfig {
                 capabilities.device
             ));
         }
-        if self.projection == Projection::Exact
-            && matches!(self.low_pass, LowPass::Planar | LowPass::PlanarCompensated)
-        {
-            return refuse("projection exact evaluates the 3-D Gaussian along each ray, so a 2-D low-pass filter has nothing to act on; choose low-pass 3d, 3d-compensated or none".into());
-        }
         if !(2..=motes_shaders::layout::MAX_BATCHES as u32).contains(&self.batches) {
             return refuse(format!(
                 "batches must be 2 to {}, not {}",

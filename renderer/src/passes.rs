@@ -232,9 +232,11 @@ impl Passes {
                 .src_subpass(0)
                 .dst_subpass(1)
                 .src_stage_mask(vk::PipelineStageFlags::COLOR_ATTACHMENT_OUTPUT)
-                .dst_stage_mask(vk::PipelineStageFlags::FRAGMENT_SHADER)
+                .dst_stage_mask(
+                    vk::PipelineStageFlags::FRAGMENT_SHADER | vk::PipelineStageFlags::COLOR_ATTACHMENT_OUTPUT,
+                )
                 .src_access_mask(vk::AccessFlags::COLOR_ATTACHMENT_WRITE)
-                .dst_access_mask(vk::AccessFlags::INPUT_ATTACHMENT_READ)
+                .dst_access_mask(vk::AccessFlags::INPUT_ATTACHMENT_READ | color)
                 .dependency_flags(by_region),
             vk::SubpassDependency::default()
                 .src_subpass(1)

@@ -320,7 +320,6 @@ impl Renderer {
             (_, true) => &[(0b11, None)],
             (_, false) => &[(0, Some(0)), (0, Some(1))],
         };
-        self.slots[frame.slot].queries.begin_statistics(commands);
         for &(view_mask, layer) in passes {
             let pass = PassKey {
                 blended: blended_format(config.target),
@@ -342,7 +341,6 @@ impl Renderer {
             )?;
         }
         let queries = &self.slots[frame.slot].queries;
-        queries.end_statistics(commands);
         queries.stamp(commands, 3);
         if let Some(workspace) = &mut self.workspace
             && config.expansion == Expansion::Precomputed
@@ -352,7 +350,7 @@ impl Renderer {
         let slot = &mut self.slots[frame.slot];
         slot.report.views = views.len() as u32;
         slot.report.pixels = u64::from(target.size[0]) * u64::from(target.size[1]) * views.len() as u64;
-        slot.report.full_screen_fragments = slot.report.pixels * u64::from(batches);
+        slot.report.full_screen_fragments = slot.report.pixels * u64::from(batches - 1);
         Ok(())
     }
 
@@ -599,7 +597,8 @@ impl Renderer {
             .clear_values(&clear[..if pass.early_stop { 3 } else { 2 }]);
         let layout = self.passes.layout;
         let push_stages = self.passes.push_stages();
-        let device = self.gpu.device();
+        let gpu = self.gpu.clone();
+        let device = gpu.device();
         let commands = self.slots[slot].commands;
         let plan = self.workspace.as_ref().map(|w| w.plan.raw()).unwrap_or_default();
         let graphics = vk::PipelineBindPoint::GRAPHICS;
@@ -611,6 +610,8 @@ impl Renderer {
             device.cmd_set_scissor(commands, 0, &[area]);
             device.cmd_bind_descriptor_sets(commands, graphics, layout, 0, sets, &[]);
             device.cmd_bind_index_buffer(commands, indices, 0, vk::IndexType::UINT16);
+            let counted = if pass.view_mask == 0 { 1 } else { 2 };
+            self.slots[slot].queries.begin_statistics(commands, view, counted);
             for batch in 0..batches {
                 device.cmd_bind_pipeline(commands, graphics, splats);
                 let [first, last] = [batch, batch + 1]
@@ -644,6 +645,7 @@ impl Renderer {
                     device.cmd_draw(commands, 3, 1, 0, 0);
                 }
             }
+            self.slots[slot].queries.end_statistics(commands, view);
             device.cmd_next_subpass(commands, vk::SubpassContents::INLINE);
             device.cmd_bind_descriptor_sets(commands, graphics, layout, 3, &input_sets[1..], &[]);
             device.cmd_bind_pipeline(commands, graphics, resolve);

@@ -25,9 +25,9 @@ pub struct FrameReport {
     pub vertices: u64,
     /// Primitives that reached the rasteriser.
     pub primitives: u64,
-    /// Fragment-stage invocations, splats and full-screen passes together.
+    /// Fragment-stage invocations: splats, and the marks of early stop.
     pub fragments: u64,
-    /// Fragments of the full-screen passes among them (marks of early stop, resolve).
+    /// Fragments of the marks among them.
     pub full_screen_fragments: u64,
     /// Splats drawn (precomputed expansion).
     pub visible: u32,
@@ -48,13 +48,17 @@ impl FrameReport {
 }
 
 const STAMPS: u32 = 4;
+/// Queries that one measurement takes. One would do, outside of multiview passes; but lavapipe (seen in 25.0.7) goes
+/// on counting one per view of the pass before, and writes past the pool's end.
+const SPACING: u32 = 2;
 
 /// Timestamps between passes, and statistics of the drawing.
 pub(crate) struct Queries {
     gpu: Arc<Gpu>,
     stamps: vk::QueryPool,
     statistics: vk::QueryPool,
-    used: std::cell::Cell<bool>,
+    /// Views whose statistics were taken in this frame.
+    counted: u32,
 }
 
 impl Queries {
@@ -63,11 +67,12 @@ impl Queries {
             gpu: gpu.clone(),
             stamps: vk::QueryPool::null(),
             statistics: vk::QueryPool::null(),
-            used: false.into(),
+            counted: 0,
         };
         if gpu.capabilities.timestamp_period > 0.0 {
-            let info =
-                vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(STAMPS);
+            let info = vk::QueryPoolCreateInfo::default()
+                .query_type(vk::QueryType::TIMESTAMP)
+                .query_count(STAMPS * SPACING);
             // SAFETY: `info` is complete.
             queries.stamps =
                 call(unsafe { gpu.device().create_query_pool(&info, None) }, "vkCreateQueryPool")?;
@@ -78,7 +83,7 @@ impl Queries {
                 | vk::QueryPipelineStatisticFlags::FRAGMENT_SHADER_INVOCATIONS;
             let info = vk::QueryPoolCreateInfo::default()
                 .query_type(vk::QueryType::PIPELINE_STATISTICS)
-                .query_count(1)
+                .query_count(2)
                 .pipeline_statistics(what);
             // SAFETY: `info` is complete.
             queries.statistics =
@@ -87,15 +92,15 @@ impl Queries {
         Ok(queries)
     }
 
-    pub fn reset(&self, commands: vk::CommandBuffer) {
-        self.used.set(false);
+    pub fn reset(&mut self, commands: vk::CommandBuffer) {
+        self.counted = 0;
         // SAFETY: recorded outside any render pass, before any use of the queries.
         unsafe {
             if self.stamps != vk::QueryPool::null() {
-                self.gpu.device().cmd_reset_query_pool(commands, self.stamps, 0, STAMPS);
+                self.gpu.device().cmd_reset_query_pool(commands, self.stamps, 0, STAMPS * SPACING);
             }
             if self.statistics != vk::QueryPool::null() {
-                self.gpu.device().cmd_reset_query_pool(commands, self.statistics, 0, 1);
+                self.gpu.device().cmd_reset_query_pool(commands, self.statistics, 0, 2);
             }
         }
     }
@@ -108,49 +113,52 @@ impl Queries {
                     commands,
                     vk::PipelineStageFlags::BOTTOM_OF_PIPE,
                     self.stamps,
-                    index,
+                    index * SPACING,
                 );
             }
         }
     }
 
-    pub fn begin_statistics(&self, commands: vk::CommandBuffer) {
-        self.used.set(true);
+    /// Begins counting for the views of a pass, `first ..`; inside the subpass that draws splats. A multiview pass
+    /// takes one query a view.
+    pub fn begin_statistics(&mut self, commands: vk::CommandBuffer, first: u32, views: u32) {
+        self.counted = first + views;
         if self.statistics != vk::QueryPool::null() {
-            // SAFETY: ended by `end_statistics` in the same command buffer.
+            // SAFETY: ended by `end_statistics` in the same subpass.
             unsafe {
                 self.gpu.device().cmd_begin_query(
                     commands,
                     self.statistics,
-                    0,
+                    first,
                     vk::QueryControlFlags::empty(),
-                )
-            };
+                );
+            }
         }
     }
 
-    pub fn end_statistics(&self, commands: vk::CommandBuffer) {
+    /// Ends what [`Queries::begin_statistics`] began.
+    pub fn end_statistics(&self, commands: vk::CommandBuffer, first: u32) {
         if self.statistics != vk::QueryPool::null() {
             // SAFETY: begun by `begin_statistics`.
-            unsafe { self.gpu.device().cmd_end_query(commands, self.statistics, 0) };
+            unsafe { self.gpu.device().cmd_end_query(commands, self.statistics, first) };
         }
     }
 
     /// Reads the results of a frame that is done. A frame that drew nothing has none.
     pub fn read(&self, report: &mut FrameReport) -> Result<(), GpuError> {
-        if !self.used.get() {
+        if self.counted == 0 {
             return Ok(());
         }
         let device = self.gpu.device();
         if self.stamps != vk::QueryPool::null() {
             let mut ticks = [0u64; STAMPS as usize];
-            // SAFETY: all stamps were written by the frame, which is done.
-            call(
-                unsafe {
-                    device.get_query_pool_results(self.stamps, 0, &mut ticks, vk::QueryResultFlags::TYPE_64)
-                },
-                "vkGetQueryPoolResults",
-            )?;
+            for (i, tick) in (0..).zip(&mut ticks) {
+                let tick = std::slice::from_mut(tick);
+                let flags = vk::QueryResultFlags::TYPE_64;
+                // SAFETY: all stamps were written by the frame, which is done.
+                let read = unsafe { device.get_query_pool_results(self.stamps, i * SPACING, tick, flags) };
+                call(read, "vkGetQueryPoolResults")?;
+            }
             let period = f64::from(self.gpu.capabilities.timestamp_period);
             let ns = |a: usize, b: usize| ticks[b].saturating_sub(ticks[a]) as f64 * period;
             report.upload_ns = ns(0, 1);
@@ -158,20 +166,19 @@ impl Queries {
             report.draw_ns = ns(2, 3);
         }
         if self.statistics != vk::QueryPool::null() {
-            let mut counts = [[0u64; 3]];
-            // SAFETY: as above.
+            let mut counts = [[0u64; 3]; 2];
+            let counts = &mut counts[..self.counted.min(2) as usize];
+            let flags = vk::QueryResultFlags::TYPE_64;
+            // SAFETY: as above, and as many queries were ended.
             call(
-                unsafe {
-                    device.get_query_pool_results(
-                        self.statistics,
-                        0,
-                        &mut counts,
-                        vk::QueryResultFlags::TYPE_64,
-                    )
-                },
+                unsafe { device.get_query_pool_results(self.statistics, 0, counts, flags) },
                 "vkGetQueryPoolResults",
             )?;
-            [report.vertices, report.primitives, report.fragments] = counts[0];
+            for [vertices, primitives, fragments] in counts {
+                report.vertices += *vertices;
+                report.primitives += *primitives;
+                report.fragments += *fragments;
+            }
         }
         Ok(())
     }

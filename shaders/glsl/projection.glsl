@@ -99,6 +99,23 @@ bool in_frustum(vec3 m, vec3 axis1, vec3 axis2, Reach reach, vec4 tangents) {
     return true;
 }
 
+// The 2 x 2 minors of two rows of the matrix [splat axes | filter along x | filter along y].
+struct Minors {
+    vec3 splat;
+    vec3 along_x;
+    vec3 along_y;
+    float filters;
+};
+
+Minors minors(vec3 a, vec2 filter_a, vec3 b, vec2 filter_b) {
+    return Minors(cross(a, b), a * filter_b.x - b * filter_a.x, a * filter_b.y - b * filter_a.y,
+                  filter_a.x * filter_b.y - filter_a.y * filter_b.x);
+}
+
+float dot_minors(Minors a, Minors b) {
+    return dot(a.splat, b.splat) + dot(a.along_x, b.along_x) + dot(a.along_y, b.along_y) + a.filters * b.filters;
+}
+
 Ellipse project_splat(Splat s, ViewData view) {
     Ellipse e;
     e.visible = false;
@@ -117,23 +134,18 @@ Ellipse project_splat(Splat s, ViewData view) {
 
     // The low-pass filter in three dimensions widens the scales by the pixel's size at the splat.
     vec2 pixel = 1.0 / view.image.xy;
-    float filter_variance = frame.filters.x;
+    float sigma = sqrt(frame.filters.x);
+    vec3 sharp_scale = s.scale;
     if (LOW_PASS == LOW_PASS_VOLUMETRIC || LOW_PASS == LOW_PASS_VOLUMETRIC_COMPENSATED) {
-        float w = depth * sqrt(filter_variance * pixel.x * pixel.y);
-        vec3 widened = sqrt(s.scale * s.scale + w * w);
-        if (LOW_PASS == LOW_PASS_VOLUMETRIC_COMPENSATED) {
-            vec3 r = s.scale / widened;
-            e.opacity *= sqrt(max(r.x * r.y * r.z, 5e-6));
-        }
-        s.scale = widened;
+        float w = max(mean.z, 0.0) * sigma * sqrt(pixel.x * pixel.y);
+        s.scale = sqrt(s.scale * s.scale + w * w);
     }
     // Rows of M = W R S: the splat's axes in eye space, scaled.
     mat3 axes = eye * rotation_matrix(s.rotation);
     mat3 rows = transpose(mat3(axes[0] * s.scale.x, axes[1] * s.scale.y, axes[2] * s.scale.z));
 
     vec3 u, v, a1, a2, a3;
-    vec2 kx, ky; // the filter's standard deviation along the image's x and y, in the plane's basis
-    float sigma = sqrt(filter_variance);
+    vec3 kx, ky; // the planar filter's standard deviation along the image's x and y, in the basis (u, v, m)
     float scale_to_image; // of an area of the plane to one of the image at z = 1
     if (affine) {
         vec2 t = mean.xy / mean.z;
@@ -144,8 +156,8 @@ Ellipse project_splat(Splat s, ViewData view) {
         a1 = (rows[0] - clamped.x * rows[2]) / mean.z;
         a2 = (rows[1] - clamped.y * rows[2]) / mean.z;
         a3 = vec3(0.0);
-        kx = vec2(sigma * pixel.x, 0.0);
-        ky = vec2(0.0, sigma * pixel.y);
+        kx = vec3(sigma * pixel.x, 0.0, 0.0);
+        ky = vec3(0.0, sigma * pixel.y, 0.0);
         scale_to_image = 1.0;
     } else {
         e.m = mean / depth;
@@ -155,23 +167,26 @@ Ellipse project_splat(Splat s, ViewData view) {
         a3 = (e.m.x * rows[0] + e.m.y * rows[1] + e.m.z * rows[2]) / depth;
         // An image displacement of one pixel moves the plane's point by m.z times the basis' components.
         float mz = max(e.m.z, 0.0);
-        kx = sigma * pixel.x * mz * vec2(u.x, v.x);
-        ky = sigma * pixel.y * mz * vec2(u.y, v.y);
+        kx = sigma * pixel.x * mz * vec3(u.x, v.x, e.m.x);
+        ky = sigma * pixel.y * mz * vec3(u.y, v.y, e.m.y);
         scale_to_image = 1.0 / max(mz * mz * mz, 1e-6);
     }
 
-    // Covariance in the plane; its determinant as a sum of squares (Cauchy-Binet), without a difference.
-    vec3 normal = cross(a1, a2);
-    float det_sharp = dot(normal, normal);
+    if (LOW_PASS != LOW_PASS_PLANAR && LOW_PASS != LOW_PASS_PLANAR_COMPENSATED) {
+        kx = vec3(0.0);
+        ky = vec3(0.0);
+    }
+    // Covariance in the plane; its determinant as a sum of squared 2 x 2 minors (Cauchy-Binet), without a difference.
     vec3 covariance = vec3(dot(a1, a1), dot(a1, a2), dot(a2, a2));
-    float det = det_sharp;
-    if (LOW_PASS == LOW_PASS_PLANAR || LOW_PASS == LOW_PASS_PLANAR_COMPENSATED) {
-        covariance += vec3(kx.x * kx.x + ky.x * ky.x, kx.x * kx.y + ky.x * ky.y, kx.y * kx.y + ky.y * ky.y);
-        vec3 mx = a1 * kx.y - a2 * kx.x;
-        vec3 my = a1 * ky.y - a2 * ky.x;
-        float mxy = kx.x * ky.y - kx.y * ky.x;
-        det += dot(mx, mx) + dot(my, my) + mxy * mxy;
-        if (LOW_PASS == LOW_PASS_PLANAR_COMPENSATED) e.opacity *= sqrt(max(det_sharp / det, 0.000025));
+    covariance += vec3(kx.x * kx.x + ky.x * ky.x, kx.x * kx.y + ky.x * ky.y, kx.y * kx.y + ky.y * ky.y);
+    Minors c3 = minors(a1, vec2(kx.x, ky.x), a2, vec2(kx.y, ky.y));
+    float det = dot_minors(c3, c3);
+    if (LOW_PASS == LOW_PASS_PLANAR_COMPENSATED) {
+        e.opacity *= clamp(sqrt(dot(c3.splat, c3.splat) / det), 0.005, 1.0);
+    } else if (LOW_PASS == LOW_PASS_VOLUMETRIC_COMPENSATED) {
+        vec3 ratio = sharp_scale / s.scale;
+        vec3 sharp = cross(a1 * ratio, a2 * ratio);
+        e.opacity *= clamp(sqrt(dot(sharp, sharp) / det), 0.005, 1.0);
     }
     if (!(e.opacity >= MIN_ALPHA)) return e;
 
@@ -202,15 +217,19 @@ Ellipse project_splat(Splat s, ViewData view) {
     e.ratio = sigma2 / sigma1;
     vec2 minor = e.ratio * vec2(-e.major.y, e.major.x);
     if (PROJECTION == PROJECTION_EXACT) {
-        // D² = (p² + q²) / (|a c1 + b c2 + c3|² / |c3|²) with the cofactors c1 = a2×a3, c2 = a3×a1, c3 = a1×a2,
-        // the plane's (a, b) written in the ellipse's own axes (p, q).
-        vec3 c1 = cross(a2, a3), c2v = cross(a3, a1);
-        vec3 p = (e.major.x * c1 + e.major.y * c2v) / det_sharp;
-        vec3 q = (minor.x * c1 + minor.y * c2v) / det_sharp;
-        e.linear = 2.0 * vec2(dot(p, normal), dot(q, normal));
-        p *= sqrt(det_sharp);
-        q *= sqrt(det_sharp);
-        e.quadratic = vec3(dot(p, p), 2.0 * dot(p, q), dot(q, q));
+        // With d = (a, b, 1) the ray in the basis (u, v, m) and c1 … c3 the vectors of the minors of the rows (2,3), (3,1),
+        // (1,2), D² = (numerator of the tangent ellipse) / |a c1 + b c2 + c3|², here over |c3|² and with (a, b) written
+        // in the ellipse's own axes (p, q).
+        Minors c1 = minors(a2, vec2(kx.y, ky.y), a3, vec2(kx.z, ky.z));
+        Minors c2 = minors(a3, vec2(kx.z, ky.z), a1, vec2(kx.x, ky.x));
+        float scale = 1.0 / det;
+        vec3 products = scale * vec3(dot_minors(c1, c1), dot_minors(c1, c2), dot_minors(c2, c2));
+        vec2 mixed = scale * vec2(dot_minors(c1, c3), dot_minors(c2, c3));
+        vec2 j = e.major;
+        e.linear = 2.0 * vec2(dot(j, mixed), dot(minor, mixed));
+        e.quadratic = vec3(products.x * j.x * j.x + 2.0 * products.y * j.x * j.y + products.z * j.y * j.y,
+                           2.0 * (products.x * j.x * minor.x + products.y * (j.x * minor.y + j.y * minor.x) + products.z * j.y * minor.y),
+                           products.x * minor.x * minor.x + 2.0 * products.y * minor.x * minor.y + products.z * minor.y * minor.y);
     }
     Reach reach = reach_of(k, e.linear, e.quadratic);
     e.visible = in_frustum(e.m, e.major.x * u + e.major.y * v, minor.x * u + minor.y * v, reach, view.tangents);
