@@ -4,7 +4,7 @@ use std::process::{Command, ExitCode};
 use std::time::Instant;
 
 use crate::shell::{self, Result, say};
-use crate::{host, test, workspace};
+use crate::{android, host, package, test, workspace};
 
 /// Runs every check in order of how fast it fails.
 pub fn ci() -> Result<ExitCode> {
@@ -21,6 +21,9 @@ pub fn ci() -> Result<ExitCode> {
             .args(["doc", "--workspace", "--no-deps", "--document-private-items"])
             .env("RUSTDOCFLAGS", "-D warnings"),
     )?;
+    android::check()?;
+    package::apk(&[])?;
+    package::check_with_android_tools()?;
     say("tests");
     let tests = test::test(&[])?;
     say(&format!("all of it took {} s", start.elapsed().as_secs()));

@@ -4,10 +4,13 @@
 //! application. `cargo xtask help` lists the commands. It builds with nothing but Rust and a C linker,
 //! because it is what installs the rest.
 
+mod android;
 mod ci;
 mod driver;
 mod host;
+mod package;
 mod prefix;
+mod quest;
 mod shell;
 mod test;
 mod workspace;
@@ -22,6 +25,14 @@ cargo xtask COMMAND
   setup                       find and install what building, viewing and testing need
   test [CARGO TEST OPTIONS]   run the tests on the pinned CPU driver (all packages unless -p is given)
   run-on-driver -- COMMAND    run COMMAND (a program, or cargo) on the pinned driver
+  android-check               what the application for Android is made of, and whether it compiles
+  apk [OPTIONS]               build the application for Quest headsets: target/android/motes.apk
+      --ndk DIR                 link with an Android NDK (else ANDROID_NDK_HOME; without one, stubs are made)
+      --openxr-loader FILE      pack the OpenXR loader for arm64: libopenxr_loader.so, or the AAR that holds it
+      --key FILE                sign with this key (PEM: PKCS #8 on P-256 and certificate; default: a debug key)
+      --keystore FILE           sign with a Java keystore instead, by Android's apksigner
+  apk-check FILE              read an APK back, and say whether a headset would take it
+  quest [SCENE...]            install the APK on a headset on USB, push scenes, start, and show its log
   ci                          everything that a change must pass: format, lints, documentation, tests, Android
 
 Environment
@@ -31,6 +42,9 @@ Environment
 ";
 
 fn main() -> ExitCode {
+    if let Some(code) = android::linker::run_if_named() {
+        return code;
+    }
     let mut arguments = std::env::args().skip(1);
     let command = arguments.next().unwrap_or_else(|| "help".into());
     match dispatch(&command, &arguments.collect::<Vec<_>>()) {
@@ -53,6 +67,13 @@ fn dispatch(command: &str, arguments: &[String]) -> Result<ExitCode> {
         }
         "test" => test::test(arguments),
         "run-on-driver" => test::run_on_driver(arguments),
+        "android-check" => {
+            no_arguments(command, arguments)?;
+            android::check()
+        }
+        "apk" => package::apk(arguments),
+        "apk-check" => package::check(arguments),
+        "quest" => quest::quest(arguments),
         "ci" => {
             no_arguments(command, arguments)?;
             ci::ci()
