@@ -130,7 +130,7 @@ pub(crate) fn read_rows(
     out.chunks(rows).into_par_iter().try_for_each_init(Vec::new, |buffer: &mut Vec<u8>, chunk| {
         let bytes = chunk.len() * row_bytes;
         buffer.resize(bytes, 0);
-        source.read_at(offset + ((chunk.first - base) * row_bytes) as u64, buffer)?;
+        source.read_at(offset + (chunk.first - base) as u64 * row_bytes as u64, buffer)?;
         decode(buffer, chunk);
         ctx.advance(source, bytes as u64, source.len())
     })

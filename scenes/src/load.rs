@@ -4,6 +4,8 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
+use rayon::prelude::*;
+
 use crate::report::{LoadReport, SourceInfo};
 use crate::source::Source;
 use crate::{Format, SceneError, Splats, formats, merge, recentre, sanitise};
@@ -243,8 +245,19 @@ fn load_source(source: &Source, context: LoadContext<'_>) -> Result<Scene, Scene
     let read = splats.len();
     let sanitised = sanitise(&mut splats);
     recentre::recentre(&mut splats);
+    let path = source.path().display();
+    if !sanitised.dropped.is_empty() {
+        let reasons: Vec<String> = sanitised.dropped.iter().map(|(why, n)| format!("{n} ({why})")).collect();
+        context.warn(format!("{path}: of {read} splats, some were dropped: {}", reasons.join(", ")));
+    }
     if splats.is_empty() {
-        context.warn(format!("{}: no splats in it", source.path().display()));
+        context.warn(format!("{path}: no splats in it"));
+    }
+    let giants = giants(&splats);
+    if giants > 0 {
+        context.warn(format!(
+            "{path}: {giants} splats are larger than the scene and may hide it or be slow to draw"
+        ));
     }
     let info = SourceInfo {
         path: source.path().to_owned(),
@@ -264,4 +277,28 @@ fn load_source(source: &Source, context: LoadContext<'_>) -> Result<Scene, Scene
         warnings,
     };
     Ok(Scene { splats, report, sources: vec![info] })
+}
+
+/// Splats that fill the view from anywhere: with a standard deviation of more than twice the radius in which nine
+/// tenths of the scene lie. (One of them can take a weak device down.)
+fn giants(splats: &Splats) -> usize {
+    let step = splats.len().div_ceil(recentre::SAMPLES).max(1);
+    let sample: Vec<&[f32; 3]> = splats.means.iter().step_by(step).collect();
+    if sample.len() < 10 {
+        return 0;
+    }
+    let middle: [f32; 3] = std::array::from_fn(|k| {
+        let mut values: Vec<f32> = sample.iter().map(|m| m[k]).collect();
+        let half = values.len() / 2;
+        *values.select_nth_unstable_by(half, f32::total_cmp).1
+    });
+    let mut distances: Vec<f32> =
+        sample.iter().map(|m| (0..3).map(|k| (m[k] - middle[k]).powi(2)).sum::<f32>().sqrt()).collect();
+    let most = distances.len() * 9 / 10;
+    let radius = *distances.select_nth_unstable_by(most, f32::total_cmp).1;
+    if radius == 0.0 {
+        return 0;
+    }
+    let limit = (2.0 * radius).ln();
+    splats.log_scales.par_iter().filter(|s| s.iter().any(|v| *v > limit)).count()
 }

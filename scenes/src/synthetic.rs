@@ -1,4 +1,5 @@
-//! Generated scenes for tests and benchmarks: equal arguments give equal scenes, on every machine.
+//! Generated scenes for tests and benchmarks: equal arguments give equal scenes. (Machines whose mathematical
+//! libraries round sines differently may differ in rotations' last digits.)
 
 use glam::{Quat, Vec3};
 

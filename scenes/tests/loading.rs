@@ -4,6 +4,7 @@
 
 mod common;
 
+use std::io::{Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
@@ -201,6 +202,68 @@ fn scenes_without_splats_load_and_say_so() {
         assert!(scene.splats.is_empty(), "{name}");
         assert!(scene.report.warnings[0].contains("no splats"), "{name}: {:?}", scene.report.warnings);
     }
+}
+
+#[test]
+fn splats_larger_than_the_scene_are_reported() {
+    let mut splats = still(500, 0);
+    let warnings = |splats: &Splats| read("a.ply", &encode::plain_ply(splats)).unwrap().report.warnings;
+    assert_eq!(warnings(&splats), [""; 0]);
+    splats.log_scales[3][1] = 1.5;
+    splats.log_scales[77] = [12.0; 3];
+    assert!(warnings(&splats)[0].contains("2 splats are larger"), "{:?}", warnings(&splats));
+}
+
+#[test]
+fn ascii_numbers_as_every_runtime_prints_them() {
+    let mut text =
+        String::from_utf8(encode::ply(&encode::columns(&still(7, 0)), Encoding::Ascii, false)).unwrap();
+    let start = text.find("end_header\n").unwrap() + 11;
+    let rows: Vec<String> = text[start..].lines().map(str::to_owned).collect();
+    text.truncate(start);
+    for (row, x) in rows.iter().zip(["nan", "-nan(ind)", "1.#QNAN", "-1.#INF", "INF", "+1.5E+00", "-.5"]) {
+        // Windows line ends, blank lines, tabs and leading blanks, too.
+        let (_, others) = row.split_once(' ').unwrap();
+        text += &format!("  {x}\t{others}\r\n\r\n");
+    }
+    let scene = read("a.ply", text.trim_end().as_bytes()).unwrap();
+    assert_eq!(scene.report.dropped, [(DropReason::Mean, 5)].into());
+    assert_eq!([scene.splats.means[0][0], scene.splats.means[1][0]], [1.5, -0.5]);
+}
+
+#[test]
+fn rows_beyond_four_gigabytes() {
+    let folder = tempfile::tempdir().unwrap();
+    let splats = still(9, 1);
+    let plain = encode::plain_ply(&splats);
+    let split = plain.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;
+    // Five gigabytes of another element, which take no room on the disk.
+    let header = String::from_utf8(plain[..split].to_vec()).unwrap();
+    let header =
+        header.replace("element vertex", "element junk 640000000\nproperty double a\nelement vertex");
+    let path = folder.path().join("large.ply");
+    let mut file = std::fs::File::create(&path).unwrap();
+    file.write_all(header.as_bytes()).unwrap();
+    file.seek(SeekFrom::Current(640_000_000 * 8)).unwrap();
+    file.write_all(&plain[split..]).unwrap();
+    drop(file);
+    let found = load(&path, &LoadOptions::default()).unwrap();
+    assert!(found.sources[0].bytes > 5_000_000_000);
+    assert_eq!((found.splats.means, found.splats.sh), (splats.means, splats.sh));
+}
+
+#[test]
+fn a_file_that_shrinks_while_it_is_read_is_an_error() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = write(folder.path(), "a.ply", &encode::plain_ply(&still(50_000, 3)));
+    let shrink = path.clone();
+    let progress = Arc::new(move |_: &motes_scenes::Progress| {
+        std::fs::OpenOptions::new().write(true).open(&shrink).unwrap().set_len(5000).unwrap();
+    });
+    let error = load(&path, &LoadOptions { progress: Some(progress), ..LoadOptions::default() }).unwrap_err();
+    assert!(matches!(error, SceneError::Malformed { .. }), "{error}");
+    std::fs::remove_file(&path).unwrap();
+    assert!(matches!(load(&path, &LoadOptions::default()), Err(SceneError::Io { .. })));
 }
 
 // Far from the origin.

@@ -121,7 +121,7 @@ pub(crate) fn read_fixed(
         let mut samples = Vec::with_capacity(recentre::SAMPLES);
         let mut bytes = vec![0; row_bytes];
         for i in (0..out.len()).step_by(out.len().div_ceil(recentre::SAMPLES).max(1)) {
-            source.read_at(offset + (i * row_bytes) as u64, &mut bytes)?;
+            source.read_at(offset + i as u64 * row_bytes as u64, &mut bytes)?;
             samples.push(Layout::mean(&TypedRow { bytes: &bytes, fields: &fields, big_endian }));
         }
         origin = recentre::centre(samples.into_iter());
