@@ -4,7 +4,7 @@ use std::process::{Command, ExitCode};
 use std::time::Instant;
 
 use crate::shell::{self, Result, say};
-use crate::{android, host, package, test, workspace};
+use crate::{android, host, licences, package, test, workspace};
 
 /// Runs every check in order of how fast it fails.
 pub fn ci() -> Result<ExitCode> {
@@ -21,6 +21,13 @@ pub fn ci() -> Result<ExitCode> {
             .args(["doc", "--workspace", "--no-deps", "--document-private-items"])
             .env("RUSTDOCFLAGS", "-D warnings"),
     )?;
+    say("licences");
+    licences::check()?;
+    if shell::program("cargo-deny").is_some() {
+        step("dependencies (cargo-deny)", workspace::cargo().args(["deny", "check"]))?;
+    } else {
+        say("cargo-deny is not installed: known faults of dependencies are not looked up");
+    }
     android::check()?;
     package::apk(&[])?;
     package::check_with_android_tools()?;

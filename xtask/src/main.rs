@@ -8,11 +8,13 @@ mod android;
 mod ci;
 mod driver;
 mod host;
+mod licences;
 mod package;
 mod prefix;
 mod quest;
 mod shell;
 mod test;
+mod view;
 mod workspace;
 
 use std::process::ExitCode;
@@ -23,6 +25,8 @@ const HELP: &str = "\
 cargo xtask COMMAND
 
   setup                       find and install what building, viewing and testing need
+  view [SCENE...] [OPTIONS]   show scenes (without any: the sample that is built in) in a window, or render
+                              pictures of them where there is no display; options are those of motes
   test [CARGO TEST OPTIONS]   run the tests on the pinned CPU driver (all packages unless -p is given)
   run-on-driver -- COMMAND    run COMMAND (a program, or cargo) on the pinned driver
   android-check               what the application for Android is made of, and whether it compiles
@@ -65,6 +69,7 @@ fn dispatch(command: &str, arguments: &[String]) -> Result<ExitCode> {
             shell::say(&format!("everything is there. Driver for tests: {}", driver.description()));
             Ok(ExitCode::SUCCESS)
         }
+        "view" => view::view(arguments),
         "test" => test::test(arguments),
         "run-on-driver" => test::run_on_driver(arguments),
         "android-check" => {
