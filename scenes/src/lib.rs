@@ -15,11 +15,15 @@ mod load;
 mod merge;
 mod recentre;
 mod report;
+#[cfg(feature = "sample")]
+pub mod sample;
 mod sanitise;
 mod save;
 mod sequence;
+pub mod settings;
 mod source;
 mod splats;
+pub mod statement;
 pub mod synthetic;
 
 pub use error::SceneError;
@@ -27,6 +31,8 @@ pub use format::Format;
 pub use formats::streamed_sog::{StreamedLevel, streamed_levels};
 pub use load::{CancelToken, Limits, LoadOptions, Progress, Scene, load, load_bytes, load_many};
 pub use report::{DropReason, LoadReport, SourceInfo};
+#[cfg(feature = "sample")]
+pub use sample::sample;
 pub use sanitise::{
     MAX_LENGTH, MAX_LOG_SCALE, MAX_SH, MAX_TIME, MIN_LOG_SCALE, MIN_WIDTH, Sanitised, sanitise,
 };

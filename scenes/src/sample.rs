@@ -1,0 +1,31 @@
+//! The embedded sample: a scene to look at when none is named.
+//!
+//! “Plant” by Marcel Padilla, CC BY 4.0; see `samples/ATTRIBUTION.md`, which [`ATTRIBUTION`] holds.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use crate::settings::{Axis, Orientation, Settings};
+use crate::{LoadOptions, Scene, SceneError, load_bytes};
+
+/// What the sample is called in messages.
+pub const NAME: &str = "plant.spz";
+
+/// The sample's file.
+pub const BYTES: &[u8] = include_bytes!("../samples/plant.spz");
+
+/// Whose work it is, its licence, and what was changed: to be shown where the program says what it is made of.
+pub const ATTRIBUTION: &str = include_str!("../samples/ATTRIBUTION.md");
+
+/// Loads the sample.
+///
+/// # Errors
+/// As [`load_bytes`]: the options' limits and cancellation apply; the file itself is sound.
+pub fn sample(options: &LoadOptions) -> Result<Scene, SceneError> {
+    load_bytes(Path::new(NAME), Arc::from(BYTES), options)
+}
+
+/// The sample's settings: y is down in it, whatever its format is meant for, and the pot stands at the lowest point.
+pub fn settings() -> Settings {
+    Settings { orientation: Orientation::Up(Axis::MinusY), floor: Some(-0.5), ..Default::default() }
+}
