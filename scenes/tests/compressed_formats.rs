@@ -197,3 +197,108 @@ fn one_scene_in_two_formats_agrees_within_the_quantisation() {
     wrong.rotations[7] = [1.0, 0.0, 0.0, 0.0];
     assert!(difference(&sog, &wrong, -10.0).angle > 0.1);
 }
+
+/// `a`'s splats in the order of `b`'s: each goes to the nearest one that is free. Converters sort differently.
+fn matched(a: &Splats, b: &Splats) -> Splats {
+    let cell = |mean: &[f32; 3]| mean.map(|v| (v / CELL).floor() as i32);
+    const CELL: f32 = 1.0 / 256.0;
+    let mut grid = std::collections::HashMap::<[i32; 3], Vec<usize>>::new();
+    for (i, mean) in a.means.iter().enumerate() {
+        grid.entry(cell(mean)).or_default().push(i);
+    }
+    let mut out = Splats::zeroed(b.len(), b.sh_degree, false);
+    let n = sh_coefficients(b.sh_degree);
+    for (i, mean) in b.means.iter().enumerate() {
+        let [x, y, z] = cell(mean);
+        // Positions alone do not tell splats apart that lie on one another: opacity and scale do.
+        let distance = |&j: &usize| -> f32 {
+            let far: f32 = (0..3).map(|k| (a.means[j][k] - mean[k]).powi(2)).sum();
+            let unlike: f32 = (0..3).map(|k| (a.log_scales[j][k] - b.log_scales[i][k]).powi(2)).sum();
+            far * 1e6 + (a.opacities[j] - b.opacities[i]).powi(2) * 1e4 + unlike
+        };
+        let mut best: Option<([i32; 3], usize, f32)> = None;
+        for near in (0..27).map(|k| [x + k % 3 - 1, y + k / 3 % 3 - 1, z + k / 9 - 1]) {
+            for j in grid.get(&near).into_iter().flatten() {
+                let d = distance(j);
+                if best.is_none_or(|(.., least)| d < least) {
+                    best = Some((near, *j, d));
+                }
+            }
+        }
+        let (home, j, _) = best.unwrap_or_else(|| panic!("nothing lies near splat {i}, {mean:?}"));
+        grid.get_mut(&home).unwrap().retain(|&k| k != j);
+        out.means[i] = a.means[j];
+        out.rotations[i] = a.rotations[j];
+        out.log_scales[i] = a.log_scales[j];
+        out.opacities[i] = a.opacities[j];
+        out.sh[i * n..(i + 1) * n].copy_from_slice(a.sh_of(j));
+    }
+    out
+}
+
+/// SOG and compressed PLY of the same skull: chunks of 256 splats with 11, 10 and 11 bits a position.
+#[test]
+fn sog_and_compressed_ply_agree_within_the_quantisation() {
+    let sog = scene("static/skull.sog").splats;
+    let ply = scene("static/skull_sh3.compressed.ply").splats;
+    let sog = matched(&sog, &ply);
+    let d = difference(&sog, &ply, -20.0);
+    println!("{d:?}");
+    // Half a step of a chunk that is as large as the scene, in positions (1.51 units) and in logarithms of scales.
+    assert!(d.mean <= 1.52 / 2.0 / 1023.0, "{d:?}");
+    assert!(d.log_scale <= 18.1 / 2.0 / 1023.0, "{d:?}");
+    assert!(d.opacity <= 1e-6, "{d:?}");
+    // Bytes between a chunk's extremes of the colour (9.2 here), and 256 steps of 1/32.
+    assert!(d.constant <= 9.2 / 2.0 / 255.0, "{d:?}");
+    assert!(d.higher <= 1.01 / 64.0, "{d:?}");
+    // 10 bits in place of 8 for three components.
+    assert!(d.angle <= 3.47 * 0.7072 / 1023.0 * 2.0, "{d:?}");
+}
+
+/// The largest difference of two covariances, relative to the largest variance: unlike an angle, it does not mind how
+/// a splat with two equal axes is turned about the third.
+fn shape_difference(a: &Splats, b: &Splats) -> f32 {
+    let covariance = |splats: &Splats, i: usize| {
+        let rotation = glam::Mat3::from_quat(glam::Quat::from_array(splats.rotations[i]).normalize());
+        let scales = glam::Vec3::from(splats.log_scales[i].map(|v| v.max(-10.0).exp()));
+        let m = rotation * glam::Mat3::from_diagonal(scales);
+        (m * m.transpose()).to_cols_array()
+    };
+    (0..a.len())
+        .map(|i| {
+            let (p, q) = (covariance(a, i), covariance(b, i));
+            let largest = q[0].max(q[4]).max(q[8]);
+            p.iter().zip(q).map(|(p, q)| (p - q).abs() / largest).fold(0.0, f32::max)
+        })
+        .fold(0.0, f32::max)
+}
+
+/// A capture in SPZ 4 (y up) and in compressed PLY (y down): equal once y and z are negated, rotations included.
+#[test]
+fn y_up_spz_is_the_y_down_ply_turned_about_x() {
+    let mut spz = scene("static/biker.spz").splats;
+    let ply = scene("static/biker.compressed.ply").splats;
+    for mean in &mut spz.means {
+        *mean = [mean[0], -mean[1], -mean[2]];
+    }
+    // A half turn about x is the quaternion (1, 0, 0, 0): (x, y, z, w) becomes (w, −z, y, −x).
+    for q in &mut spz.rotations {
+        *q = [q[3], -q[2], q[1], -q[0]];
+    }
+    let turned = matched(&spz, &ply);
+    let d = difference(&turned, &ply, -10.0);
+    println!("{d:?}, shape {}", shape_difference(&turned, &ply));
+    assert!(d.mean <= 0.5 / 4096.0 + 3.2 / 2.0 / 1023.0, "{d:?}");
+    assert!(d.log_scale <= 0.5 / 16.0 + 1e-3, "{d:?}");
+    assert!(d.opacity <= 1e-6, "{d:?}");
+    assert!(d.constant <= 0.5 / 255.0 / 0.15 + 1e-3, "{d:?}");
+    // Half a step of SPZ's log-scales is 6.5 % in the square.
+    assert!(shape_difference(&turned, &ply) <= 0.07);
+
+    // Negative control: with the rotations as they were, the shapes are not the same.
+    let mut wrong = turned.clone();
+    for q in &mut wrong.rotations {
+        *q = [-q[3], q[2], -q[1], q[0]];
+    }
+    assert!(shape_difference(&wrong, &ply) > 0.5);
+}
