@@ -75,9 +75,9 @@ pub struct Limits {
 }
 
 impl Default for Limits {
-    /// 2³² splats (indices on the device are u32), as many bytes as there are.
+    /// `u32::MAX` splats (the device counts them in u32), as many bytes as there are.
     fn default() -> Self {
-        Self { splats: 1 << 32, memory: u64::MAX }
+        Self { splats: u64::from(u32::MAX), memory: u64::MAX }
     }
 }
 

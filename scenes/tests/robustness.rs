@@ -242,6 +242,21 @@ fn sample_files_cut_anywhere() {
     }
 }
 
+/// A trained scene, read straight into its arrays: less memory than the file has bytes, and a buffer per thread.
+#[test]
+fn a_ply_needs_no_second_copy() {
+    let _turn = take_turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.ply");
+    motes_scenes::save(&path, &Recipe { count: 200_000, sh_degree: 3, ..Recipe::default() }.still()).unwrap();
+    let file = std::fs::metadata(&path).unwrap().len() as usize;
+    assert_eq!(file / 200_000, 248);
+    let (scene, memory) = peak(|| motes_scenes::load(&path, &LoadOptions::default()).unwrap());
+    LOADED.fetch_add(1, Ordering::Relaxed);
+    assert_eq!(scene.splats.len(), 200_000);
+    assert!(memory > file * 9 / 10 && memory < file * 3 / 2, "{memory} bytes for a file of {file}");
+}
+
 #[test]
 fn offences_are_noticed() {
     let _turn = take_turn();

@@ -119,7 +119,9 @@ fn parse_row(
     wanted: &[bool],
     values: &mut [f64],
 ) -> Result<(), (String, String)> {
-    let mut tokens = line.split(|b| b.is_ascii_whitespace()).filter(|t| !t.is_empty());
+    let line = std::str::from_utf8(line)
+        .map_err(|e| (format!("byte {} of the line", e.valid_up_to()), "this is not text".to_owned()))?;
+    let mut tokens = line.split_ascii_whitespace();
     for (i, property) in element.properties.iter().enumerate() {
         let place = || format!("property '{}'", property.name);
         let mut next = || tokens.next().ok_or_else(|| (place(), "the line ends before it".to_owned()));
@@ -133,9 +135,9 @@ fn parse_row(
             }
             PropertyType::List(..) => {
                 let token = next()?;
-                let count = std::str::from_utf8(token).ok().and_then(|t| t.parse::<u32>().ok());
-                let count =
-                    count.ok_or_else(|| (place(), format!("'{}' is not a list's length", preview(token))))?;
+                let count: u32 = token
+                    .parse()
+                    .map_err(|_| (place(), format!("'{}' is not a list's length", preview(token))))?;
                 for _ in 0..count {
                     next()?;
                 }
@@ -151,17 +153,16 @@ fn parse_row(
     }
 }
 
-fn number(token: &[u8]) -> Option<f64> {
-    let text = std::str::from_utf8(token).ok()?;
-    text.parse().ok().or_else(|| {
+fn number(token: &str) -> Option<f64> {
+    token.parse().ok().or_else(|| {
         // As printed by the C runtimes of Windows.
-        let unsigned = text.trim_start_matches(['-', '+']).to_ascii_lowercase();
+        let unsigned = token.trim_start_matches(['-', '+']).to_ascii_lowercase();
         if unsigned.starts_with("nan") || unsigned.starts_with("1.#") { Some(f64::NAN) } else { None }
     })
 }
 
-fn preview(token: &[u8]) -> String {
-    token[..token.len().min(24)].escape_ascii().to_string()
+fn preview(token: &str) -> String {
+    token.chars().take(24).flat_map(char::escape_default).collect()
 }
 
 /// Whole lines, a block at a time.
@@ -202,7 +203,7 @@ impl<'a> Lines<'a> {
             self.offset += fresh;
             read += fresh;
             let is_last = self.offset >= self.source.len();
-            self.whole = match self.buffer.iter().rposition(|&b| b == b'\n') {
+            self.whole = match memchr::memrchr(b'\n', &self.buffer) {
                 _ if is_last => self.buffer.len(),
                 Some(i) => i + 1,
                 None => {
@@ -217,11 +218,12 @@ impl<'a> Lines<'a> {
             if self.whole == 0 {
                 break;
             }
+            let text = &self.buffer[..self.whole];
             let mut start = 0;
-            for line in self.buffer[..self.whole].split_inclusive(|&b| b == b'\n') {
+            while start < text.len() {
+                let end = memchr::memchr(b'\n', &text[start..]).map_or(text.len(), |i| start + i + 1);
                 self.number += 1;
-                let end = start + line.len();
-                if !line.trim_ascii().is_empty() {
+                if !text[start..end].trim_ascii().is_empty() {
                     block.push(Line { number: self.number, start: start as u32, end: end as u32 });
                 }
                 start = end;
