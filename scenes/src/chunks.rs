@@ -112,6 +112,21 @@ impl<'a> MotionMut<'a> {
     }
 }
 
+/// Number of rows from `offset` to the end of the file, which must be whole.
+pub(crate) fn count_rows(source: &Source, offset: u64, row_bytes: usize) -> Result<u64, SceneError> {
+    let bytes = source.len().checked_sub(offset).ok_or_else(|| source.ends_early(0, offset))?;
+    let rest = bytes % row_bytes as u64;
+    if rest == 0 {
+        return Ok(bytes / row_bytes as u64);
+    }
+    Err(SceneError::malformed(
+        source.path(),
+        format!("byte {}", source.len() - rest),
+        format!("the last splat has {rest} of {row_bytes} bytes"),
+        "The file was cut off, or is of another kind: copy or download it again",
+    ))
+}
+
 /// Bytes that a thread reads at a time: they stay in its level-2 cache until they are decoded.
 const READ_BYTES: usize = 256 << 10;
 

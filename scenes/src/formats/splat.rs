@@ -7,7 +7,7 @@
 use std::io::Write;
 
 use super::values::{color_of_dc, dc_of_color, f32_at};
-use crate::chunks::{SplatsMut, read_rows};
+use crate::chunks::{SplatsMut, count_rows, read_rows};
 use crate::load::LoadContext;
 use crate::source::Source;
 use crate::{SceneError, Splats};
@@ -16,16 +16,7 @@ const ROW_BYTES: usize = 32;
 
 /// See [`super`].
 pub(crate) fn read(source: &Source, ctx: &LoadContext<'_>) -> Result<Splats, SceneError> {
-    let rest = source.len() % ROW_BYTES as u64;
-    if rest != 0 {
-        return Err(SceneError::malformed(
-            source.path(),
-            format!("byte {}", source.len() - rest),
-            format!("the last splat has {rest} of {ROW_BYTES} bytes"),
-            "The file was cut off, or is no .splat: copy or download it again",
-        ));
-    }
-    let n = ctx.admit(source, source.len() / ROW_BYTES as u64, 0, false)?;
+    let n = ctx.admit(source, count_rows(source, 0, ROW_BYTES)?, 0, false)?;
     let mut splats = Splats::zeroed(n, 0, false);
     read_rows(source, ctx, 0, ROW_BYTES, SplatsMut::all(&mut splats), |bytes, out| {
         for (i, row) in bytes.chunks_exact(ROW_BYTES).enumerate() {

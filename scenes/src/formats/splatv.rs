@@ -6,7 +6,7 @@
 //! (2 halves). A width that overflows its half is infinite: the splat is always there.
 
 use super::values::{dc_of_color, f16_at, f32_at, u32_at};
-use crate::chunks::{SplatsMut, read_rows};
+use crate::chunks::{SplatsMut, count_rows, read_rows};
 use crate::load::LoadContext;
 use crate::source::Source;
 use crate::{SceneError, Splats};
@@ -21,20 +21,8 @@ pub(crate) fn read(source: &Source, ctx: &LoadContext<'_>) -> Result<Splats, Sce
     let mut head = [0; 8];
     source.read_at(0, &mut head)?;
     let offset = 8 + u64::from(u32_at(&head, 4));
-    let Some(bytes) = source.len().checked_sub(offset) else {
-        return Err(source.ends_early(8, offset));
-    };
     // The JSON text speaks of a texture's size, which may be larger than what is there: the bytes decide.
-    let rest = bytes % ROW_BYTES as u64;
-    if rest != 0 {
-        return Err(SceneError::malformed(
-            source.path(),
-            format!("byte {}", source.len() - rest),
-            format!("the last splat has {rest} of {ROW_BYTES} bytes"),
-            "The file was cut off: copy or download it again",
-        ));
-    }
-    let n = ctx.admit(source, bytes / ROW_BYTES as u64, 0, true)?;
+    let n = ctx.admit(source, count_rows(source, offset, ROW_BYTES)?, 0, true)?;
     let mut splats = Splats::zeroed(n, 0, true);
     read_rows(source, ctx, offset, ROW_BYTES, SplatsMut::all(&mut splats), |bytes, mut out| {
         for (i, row) in bytes.chunks_exact(ROW_BYTES).enumerate() {
