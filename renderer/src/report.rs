@@ -170,10 +170,8 @@ impl Queries {
             let counts = &mut counts[..self.counted.min(2) as usize];
             let flags = vk::QueryResultFlags::TYPE_64;
             // SAFETY: as above, and as many queries were ended.
-            call(
-                unsafe { device.get_query_pool_results(self.statistics, 0, counts, flags) },
-                "vkGetQueryPoolResults",
-            )?;
+            let read = unsafe { device.get_query_pool_results(self.statistics, 0, counts, flags) };
+            call(read, "vkGetQueryPoolResults")?;
             for [vertices, primitives, fragments] in counts {
                 report.vertices += *vertices;
                 report.primitives += *primitives;

@@ -1,7 +1,7 @@
 //! The reference against closed forms, against a second renderer that shares nothing with it but the definition, and
 //! under transformations that must not change the picture.
 
-use glam::{DMat3, DQuat, DVec2, DVec3};
+use glam::{DMat3, DQuat, DVec3};
 use motes_scenes::{Motion, SH_C0, Splats};
 
 use super::textbook::textbook;
