@@ -1,9 +1,9 @@
 //! Splat scenes: what they are in memory, and every file format they are read from and written to.
 //!
 //! This crate knows files and splats, and nothing of Vulkan or windows. Its one in-memory form is
-//! [`Splats`]; its way in is [`load`] (one file or folder) or [`load_many`] (several, merged), its way out [`save`].
+//! [`Splats`]; its way in is [`load()`] (one file or folder) or [`load_many`] (several, merged), its way out [`save()`].
 //!
-//! Every reader hands over what the file says; [`sanitise`] then makes the promises of [`Splats`] true
+//! Every reader hands over what the file says; [`sanitise()`] then makes the promises of [`Splats`] true
 //! (finite values, unit quaternions) and counts what it had to drop, in the scene's [`LoadReport`].
 
 pub mod cameras;

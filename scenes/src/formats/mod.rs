@@ -1,7 +1,7 @@
 //! One file a format. Every module has
 //! `pub(crate) fn read(source: &Source, ctx: &LoadContext) -> Result<Splats, SceneError>`, which hands over what the
 //! file says, in the units of [`Splats`] but **raw**: values may be NaN or infinite and quaternions of any length
-//! (with `omegas` relative to them); [`crate::sanitise`] follows for every format.
+//! (with `omegas` relative to them); [`crate::sanitise()`] follows for every format.
 //!
 //! Rules for readers: no count from the file sizes an allocation before it is compared with the bytes that are there,
 //! then `ctx.admit`; `ctx.advance` every few milliseconds; files inside of a folder are counted with `ctx.add_bytes`.

@@ -1,0 +1,216 @@
+//! The render pass: batches of splats, marks between them, the resolve.
+
+use super::frame_data::is_srgb;
+use super::{DrawRequest, Framebuffer, FramebufferKey, Renderer, call};
+use crate::config::Expansion;
+use crate::gpu::{Buffer, GpuError, Image, ImageDescription};
+use crate::passes::{FullScreen, MARK_FORMAT, PUSH_BYTES, PassKey, Stages};
+use ash::vk;
+use gpu_allocator::MemoryLocation;
+use motes_shaders::layout::{Draw, QUADS_PER_INSTANCE, Specialization};
+
+impl Renderer {
+    #[allow(clippy::too_many_arguments)]
+    pub(super) fn record_pass(
+        &mut self,
+        slot: usize,
+        request: &DrawRequest<'_>,
+        pass: PassKey,
+        layer: Option<usize>,
+        specialization: Specialization,
+        batches: u32,
+        corners: u32,
+        indices: vk::Buffer,
+        sets: &[vk::DescriptorSet; 3],
+    ) -> Result<(), GpuError> {
+        let DrawRequest { scene, target, config, .. } = *request;
+        let stages = match config.expansion {
+            Expansion::Precomputed => Stages::Precomputed,
+            Expansion::Instanced => Stages::Instanced,
+            Expansion::Geometry => Stages::Geometry,
+        };
+        let splats = self.passes.splats(pass, stages, specialization)?;
+        let resolve = self.passes.full_screen(pass, FullScreen::Resolve)?;
+        let mark =
+            if pass.early_stop { Some(self.passes.full_screen(pass, FullScreen::Mark)?) } else { None };
+        let render_pass = self.passes.pass(pass)?;
+        let output = layer.map_or(target.all, |l| target.layers[l]);
+        let (framebuffer, blended_view) = self.framebuffer(render_pass, pass, output, target.size)?;
+        let read_layout = vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL;
+        let mark_layout = vk::ImageLayout::GENERAL;
+        let input_sets = [
+            self.input_set(slot, blended_view, mark_layout)?,
+            self.input_set(slot, blended_view, read_layout)?,
+        ];
+
+        let [width, height] = target.size;
+        let area = vk::Rect2D { offset: vk::Offset2D::default(), extent: vk::Extent2D { width, height } };
+        let viewport = vk::Viewport {
+            x: 0.0,
+            y: 0.0,
+            width: width as f32,
+            height: height as f32,
+            min_depth: 0.0,
+            max_depth: 1.0,
+        };
+        let mut clear = [vk::ClearValue::default(); 3];
+        clear[2].depth_stencil = vk::ClearDepthStencilValue { depth: 1.0, stencil: 0 };
+        let begin = vk::RenderPassBeginInfo::default()
+            .render_pass(render_pass)
+            .framebuffer(framebuffer)
+            .render_area(area)
+            .clear_values(&clear[..if pass.early_stop { 3 } else { 2 }]);
+        let layout = self.passes.layout;
+        let push_stages = self.passes.push_stages();
+        let gpu = self.gpu.clone();
+        let device = gpu.device();
+        let commands = self.slots[slot].commands;
+        let plan = self.workspace.as_ref().map(|w| w.plan.raw()).unwrap_or_default();
+        let graphics = vk::PipelineBindPoint::GRAPHICS;
+        let view = layer.unwrap_or(0) as u32;
+        // SAFETY: every handle is alive until the frame is done; the records and draws were written before.
+        unsafe {
+            device.cmd_begin_render_pass(commands, &begin, vk::SubpassContents::INLINE);
+            device.cmd_set_viewport(commands, 0, &[viewport]);
+            device.cmd_set_scissor(commands, 0, &[area]);
+            device.cmd_bind_descriptor_sets(commands, graphics, layout, 0, sets, &[]);
+            device.cmd_bind_index_buffer(commands, indices, 0, vk::IndexType::UINT16);
+            let counted = if pass.view_mask == 0 { 1 } else { 2 };
+            self.slots[slot].queries.begin_statistics(commands, view, counted);
+            for batch in 0..batches {
+                device.cmd_bind_pipeline(commands, graphics, splats);
+                let [first, last] = [batch, batch + 1]
+                    .map(|b| (u64::from(scene.splats) * u64::from(b) / u64::from(batches)) as u32);
+                let push = [batch, view, first, last];
+                device.cmd_push_constants(commands, layout, push_stages, 0, bytemuck::cast_slice(&push));
+                match config.expansion {
+                    Expansion::Precomputed => {
+                        let offset = u64::from(batch) * size_of::<Draw>() as u64;
+                        device.cmd_draw_indexed_indirect(commands, plan, offset, 1, size_of::<Draw>() as u32);
+                    }
+                    Expansion::Instanced => {
+                        let instances = (last - first).div_ceil(QUADS_PER_INSTANCE);
+                        device.cmd_draw_indexed(
+                            commands,
+                            (corners - 2) * 3 * QUADS_PER_INSTANCE,
+                            instances,
+                            0,
+                            0,
+                            0,
+                        );
+                    }
+                    Expansion::Geometry => device.cmd_draw(commands, last - first, 1, 0, 0),
+                }
+                if let Some(mark) = mark
+                    && batch + 1 < batches
+                {
+                    self.passes.blended_to_marks(commands, pass);
+                    device.cmd_bind_descriptor_sets(commands, graphics, layout, 3, &input_sets[..1], &[]);
+                    device.cmd_bind_pipeline(commands, graphics, mark);
+                    device.cmd_draw(commands, 3, 1, 0, 0);
+                }
+            }
+            self.slots[slot].queries.end_statistics(commands, view);
+            device.cmd_next_subpass(commands, vk::SubpassContents::INLINE);
+            device.cmd_bind_descriptor_sets(commands, graphics, layout, 3, &input_sets[1..], &[]);
+            device.cmd_bind_pipeline(commands, graphics, resolve);
+            let b = config.background;
+            let decode = u32::from(is_srgb(target.format));
+            let push =
+                [b[0].to_bits(), b[1].to_bits(), b[2].to_bits(), target.background_alpha.to_bits(), decode];
+            device.cmd_push_constants(commands, layout, push_stages, 0, bytemuck::cast_slice(&push));
+            device.cmd_draw(commands, 3, 1, 0, 0);
+            device.cmd_end_render_pass(commands);
+        }
+        const { assert!(PUSH_BYTES >= 20) };
+        Ok(())
+    }
+
+    /// The framebuffer for an output, and the blended image's view in it.
+    pub(super) fn framebuffer(
+        &mut self,
+        render_pass: vk::RenderPass,
+        pass: PassKey,
+        output: vk::ImageView,
+        size: [u32; 2],
+    ) -> Result<(vk::Framebuffer, vk::ImageView), GpuError> {
+        let layers = if pass.view_mask == 0 { 1 } else { 2 };
+        let description = ImageDescription {
+            format: pass.blended,
+            size,
+            layers,
+            usage: vk::ImageUsageFlags::COLOR_ATTACHMENT | vk::ImageUsageFlags::INPUT_ATTACHMENT,
+            aspect: vk::ImageAspectFlags::COLOR,
+        };
+        let fits = self.blended.as_ref().is_some_and(|(blended, marks)| {
+            blended.description() == description && (marks.is_some() || !pass.early_stop)
+        });
+        if !fits {
+            self.forget_targets()?;
+            self.blended = None;
+            let blended = Image::new(&self.gpu, "blended", description)?;
+            let marks = ImageDescription {
+                format: MARK_FORMAT,
+                usage: vk::ImageUsageFlags::DEPTH_STENCIL_ATTACHMENT,
+                aspect: vk::ImageAspectFlags::DEPTH,
+                ..description
+            };
+            let marks = if pass.early_stop { Some(Image::new(&self.gpu, "marks", marks)?) } else { None };
+            self.blended = Some((blended, marks));
+        }
+        let Some((blended, marks)) = &self.blended else {
+            return Err(GpuError::NoDevice("no image to blend into".into()));
+        };
+        let key = FramebufferKey { pass: render_pass, output, size };
+        if let Some(framebuffer) = self.framebuffers.get(&key) {
+            return Ok((framebuffer.raw, blended.view()));
+        }
+        let mut attachments = vec![blended.view(), output];
+        if let (Some(marks), true) = (marks, pass.early_stop) {
+            attachments.push(marks.view());
+        }
+        let info = vk::FramebufferCreateInfo::default()
+            .render_pass(render_pass)
+            .attachments(&attachments)
+            .width(size[0])
+            .height(size[1])
+            .layers(1);
+        // SAFETY: pass and views are alive.
+        let raw = call(unsafe { self.gpu.device().create_framebuffer(&info, None) }, "vkCreateFramebuffer")?;
+        self.framebuffers.insert(key, Framebuffer { raw });
+        Ok((raw, blended.view()))
+    }
+
+    /// Indices of one instance: every polygon as a strip that zigzags from corner 0.
+    pub(super) fn index_buffer(&mut self, corners: u32) -> Result<vk::Buffer, GpuError> {
+        if let Some(buffer) = self.indices.get(&corners) {
+            return Ok(buffer.raw());
+        }
+        let strip = |j: u32| {
+            if j == 0 {
+                0
+            } else if j % 2 == 1 {
+                j.div_ceil(2)
+            } else {
+                corners - j / 2
+            }
+        };
+        let mut words: Vec<u16> = Vec::new();
+        for quad in 0..QUADS_PER_INSTANCE {
+            for triangle in 0..corners - 2 {
+                words.extend((0..3).map(|k| (quad * corners + strip(triangle + k)) as u16));
+            }
+        }
+        let mut buffer = Buffer::new(
+            &self.gpu,
+            "indices",
+            2 * words.len() as u64,
+            vk::BufferUsageFlags::INDEX_BUFFER,
+            MemoryLocation::CpuToGpu,
+        )?;
+        buffer.mapped_mut()[..2 * words.len()].copy_from_slice(bytemuck::cast_slice(&words));
+        let raw = buffer.raw();
+        self.indices.insert(corners, buffer);
+        Ok(raw)
+    }
+}

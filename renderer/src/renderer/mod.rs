@@ -1,0 +1,384 @@
+//! Draws a frame: uploads the order, prepares records on the device, blends, resolves.
+
+mod blend;
+mod descriptors;
+mod frame_data;
+mod prepare;
+
+pub use frame_data::midpoint;
+
+use crate::config::{Composite, Expansion, RenderConfig};
+use crate::gpu::{Buffer, Gpu, GpuError, Image};
+use crate::order::SplatOrder;
+use crate::passes::{PassKey, Passes};
+use crate::report::{FrameReport, Queries};
+use crate::scene::SceneOnDevice;
+use crate::view::View;
+use crate::workspace::Workspace;
+use ash::vk;
+use frame_data::{blended_format, corners, frame_data, specialization};
+use gpu_allocator::MemoryLocation;
+use motes_shaders::layout::FrameData;
+use std::collections::HashMap;
+use std::sync::Arc;
+
+/// Frames that may be under way at once.
+const FRAMES: usize = 2;
+
+fn call<T>(result: Result<T, vk::Result>, call: &'static str) -> Result<T, GpuError> {
+    result.map_err(|result| GpuError::Call { call, result })
+}
+
+/// An image to draw into: an array of as many layers as views, owned by the caller (offscreen image, swapchain).
+#[derive(Clone, Copy, Debug)]
+pub struct Target {
+    /// A view of all layers, as a 2-D array where there are two.
+    pub all: vk::ImageView,
+    /// A view of each layer; the second is unused in mono.
+    pub layers: [vk::ImageView; 2],
+    /// Format. sRGB formats are given linear values, others the sRGB-encoded ones.
+    pub format: vk::Format,
+    /// Width and height, pixels.
+    pub size: [u32; 2],
+    /// Layout it is left in.
+    pub layout: vk::ImageLayout,
+    /// Opacity of the background: 1, or 0 where something is shown behind (passthrough).
+    pub background_alpha: f32,
+}
+
+/// How stereo is drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stereo {
+    /// One pass for both eyes.
+    Multiview,
+    /// One pass an eye.
+    TwoPass,
+}
+
+/// One draw: what, from where, how, onto what.
+#[derive(Clone, Copy)]
+pub struct DrawRequest<'a> {
+    /// The scene.
+    pub scene: &'a SceneOnDevice,
+    /// The order of its splats.
+    pub order: &'a SplatOrder,
+    /// One view, or two.
+    pub views: &'a [View],
+    /// How.
+    pub config: &'a RenderConfig,
+    /// Onto what.
+    pub target: &'a Target,
+    /// How two views are drawn.
+    pub stereo: Stereo,
+}
+
+struct Slot {
+    pool: vk::CommandPool,
+    commands: vk::CommandBuffer,
+    fence: vk::Fence,
+    submitted: bool,
+    descriptors: vk::DescriptorPool,
+    uniform: Buffer,
+    order_staging: Option<Buffer>,
+    queries: Queries,
+    report: FrameReport,
+}
+
+/// A frame between [`Renderer::begin`] and [`Renderer::submit`].
+#[derive(Debug)]
+pub struct Frame {
+    slot: usize,
+    commands: vk::CommandBuffer,
+}
+
+impl Frame {
+    /// The command buffer, for what a caller draws before or after the splats.
+    pub fn commands(&self) -> vk::CommandBuffer {
+        self.commands
+    }
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+struct FramebufferKey {
+    pass: vk::RenderPass,
+    output: vk::ImageView,
+    size: [u32; 2],
+}
+
+struct Framebuffer {
+    raw: vk::Framebuffer,
+}
+
+/// Draws scenes. One for a device and thread.
+pub struct Renderer {
+    gpu: Arc<Gpu>,
+    passes: Passes,
+    slots: Vec<Slot>,
+    next: usize,
+    workspace: Option<Workspace>,
+    indices: HashMap<u32, Buffer>,
+    blended: Option<(Image, Option<Image>)>,
+    framebuffers: HashMap<FramebufferKey, Framebuffer>,
+    background: [f32; 3],
+}
+
+impl Renderer {
+    /// A renderer for a device.
+    ///
+    /// # Errors
+    /// The driver's.
+    pub fn new(gpu: &Arc<Gpu>) -> Result<Self, GpuError> {
+        let mut renderer = Self {
+            gpu: gpu.clone(),
+            passes: Passes::new(gpu)?,
+            slots: Vec::new(),
+            next: 0,
+            workspace: None,
+            indices: HashMap::new(),
+            blended: None,
+            framebuffers: HashMap::new(),
+            background: [0.0; 3],
+        };
+        for _ in 0..FRAMES {
+            let slot = renderer.make_slot()?;
+            renderer.slots.push(slot);
+        }
+        Ok(renderer)
+    }
+
+    fn make_slot(&self) -> Result<Slot, GpuError> {
+        let gpu = &self.gpu;
+        let uniform = Buffer::new(
+            gpu,
+            "frame data",
+            size_of::<FrameData>() as u64,
+            vk::BufferUsageFlags::UNIFORM_BUFFER,
+            MemoryLocation::CpuToGpu,
+        )?;
+        let queries = Queries::new(gpu)?;
+        let sizes = [
+            vk::DescriptorPoolSize { ty: vk::DescriptorType::UNIFORM_BUFFER, descriptor_count: 4 },
+            vk::DescriptorPoolSize { ty: vk::DescriptorType::STORAGE_BUFFER, descriptor_count: 64 },
+            vk::DescriptorPoolSize { ty: vk::DescriptorType::INPUT_ATTACHMENT, descriptor_count: 8 },
+        ];
+        let info = vk::DescriptorPoolCreateInfo::default().max_sets(16).pool_sizes(&sizes);
+        // SAFETY: `info` is complete.
+        let descriptors =
+            call(unsafe { gpu.device().create_descriptor_pool(&info, None) }, "vkCreateDescriptorPool")?;
+        let (pool, commands, fence) = crate::frame::command_pool(gpu)?;
+        Ok(Slot {
+            pool,
+            commands,
+            fence,
+            submitted: false,
+            descriptors,
+            uniform,
+            order_staging: None,
+            queries,
+            report: FrameReport::default(),
+        })
+    }
+
+    /// The device.
+    pub fn gpu(&self) -> &Arc<Gpu> {
+        &self.gpu
+    }
+
+    /// Begins a frame; waits until the frame before the last is done.
+    ///
+    /// # Errors
+    /// The device was lost.
+    pub fn begin(&mut self) -> Result<Frame, GpuError> {
+        let index = self.next;
+        self.next = (self.next + 1) % FRAMES;
+        self.wait(index)?;
+        let slot = &mut self.slots[index];
+        let begin = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
+        // SAFETY: the slot's last frame is done.
+        unsafe {
+            let device = self.gpu.device();
+            call(
+                device.reset_descriptor_pool(slot.descriptors, vk::DescriptorPoolResetFlags::empty()),
+                "vkResetDescriptorPool",
+            )?;
+            call(device.begin_command_buffer(slot.commands, &begin), "vkBeginCommandBuffer")?;
+        }
+        slot.queries.reset(slot.commands);
+        slot.queries.stamp(slot.commands, 0);
+        slot.report = FrameReport::default();
+        Ok(Frame { slot: index, commands: slot.commands })
+    }
+
+    fn wait(&mut self, index: usize) -> Result<(), GpuError> {
+        let slot = &mut self.slots[index];
+        if slot.submitted {
+            let device = self.gpu.device();
+            // SAFETY: the fence was submitted.
+            unsafe {
+                call(device.wait_for_fences(&[slot.fence], true, u64::MAX), "vkWaitForFences")?;
+                call(device.reset_fences(&[slot.fence]), "vkResetFences")?;
+            }
+            slot.submitted = false;
+            slot.queries.read(&mut slot.report)?;
+            if let Some(workspace) = &self.workspace {
+                workspace.read_plan(index, &mut slot.report);
+            }
+        }
+        Ok(())
+    }
+
+    /// Ends and submits a frame.
+    ///
+    /// # Errors
+    /// The device was lost, or is out of memory.
+    pub fn submit(
+        &mut self,
+        frame: Frame,
+        wait: &[(vk::Semaphore, vk::PipelineStageFlags)],
+        signal: &[vk::Semaphore],
+    ) -> Result<(), GpuError> {
+        let slot = &mut self.slots[frame.slot];
+        let device = self.gpu.device();
+        let semaphores: Vec<_> = wait.iter().map(|w| w.0).collect();
+        let stages: Vec<_> = wait.iter().map(|w| w.1).collect();
+        let buffers = [slot.commands];
+        let submit = vk::SubmitInfo::default()
+            .command_buffers(&buffers)
+            .wait_semaphores(&semaphores)
+            .wait_dst_stage_mask(&stages)
+            .signal_semaphores(signal);
+        // SAFETY: the command buffer is recorded and not in flight.
+        unsafe {
+            call(device.end_command_buffer(slot.commands), "vkEndCommandBuffer")?;
+            let queue = self.gpu.queue();
+            call(device.queue_submit(*queue, &[submit], slot.fence), "vkQueueSubmit")?;
+        }
+        slot.submitted = true;
+        Ok(())
+    }
+
+    /// Submits a frame, waits for it, and says what it took.
+    ///
+    /// # Errors
+    /// As [`Renderer::submit`].
+    pub fn finish(&mut self, frame: Frame) -> Result<FrameReport, GpuError> {
+        let index = frame.slot;
+        self.submit(frame, &[], &[])?;
+        self.wait(index)?;
+        Ok(self.slots[index].report.clone())
+    }
+
+    /// What the most recent finished frame took.
+    pub fn last_report(&self) -> &FrameReport {
+        &self.slots[self.next].report
+    }
+
+    /// Forgets framebuffers that refer to the caller's images. To be called before those are destroyed.
+    ///
+    /// # Errors
+    /// The device was lost.
+    pub fn forget_targets(&mut self) -> Result<(), GpuError> {
+        self.gpu.wait_idle()?;
+        for (_, framebuffer) in self.framebuffers.drain() {
+            // SAFETY: the device is idle.
+            unsafe { self.gpu.device().destroy_framebuffer(framebuffer.raw, None) };
+        }
+        Ok(())
+    }
+
+    /// Draws a scene.
+    ///
+    /// # Errors
+    /// A choice that the device or the scene does not allow, or the driver's.
+    pub fn draw(&mut self, frame: &Frame, request: &DrawRequest<'_>) -> Result<(), GpuError> {
+        let DrawRequest { scene, views, config, target, stereo, .. } = *request;
+        config.check(views.len(), &self.gpu.capabilities)?;
+        let multiview = views.len() == 2 && stereo == Stereo::Multiview;
+        if multiview && !self.gpu.capabilities.multiview {
+            return Err(GpuError::Unsupported {
+                wanted: "stereo in one pass (multiview)".into(),
+                device: self.gpu.capabilities.device.clone(),
+                remedy: "Draw stereo in two passes".into(),
+            });
+        }
+        let specialization = specialization(scene, views.len(), config);
+        self.prepare_workspace(scene, specialization.projection == crate::Projection::Exact as u32)?;
+        self.write_frame_data(frame.slot, request);
+        self.upload_order(frame.slot, request)?;
+        let slot = &self.slots[frame.slot];
+        slot.queries.stamp(slot.commands, 1);
+        let sets = self.scene_sets(frame.slot, scene)?;
+        let commands = frame.commands;
+        let early_stop = config.composite == Composite::EarlyStop;
+        let batches = if early_stop { config.batches } else { 1 };
+
+        if config.expansion == Expansion::Precomputed {
+            self.record_preparation(commands, scene.splats, &sets, specialization)?;
+        }
+        self.slots[frame.slot].queries.stamp(commands, 2);
+
+        let corners = corners(config);
+        let indices = self.index_buffer(corners)?;
+        let passes: &[(u32, Option<usize>)] = match (views.len(), multiview) {
+            (1, _) => &[(0, Some(0))],
+            (_, true) => &[(0b11, None)],
+            (_, false) => &[(0, Some(0)), (0, Some(1))],
+        };
+        for &(view_mask, layer) in passes {
+            let pass = PassKey {
+                blended: blended_format(config.target),
+                output: target.format,
+                output_layout: target.layout,
+                view_mask,
+                early_stop,
+            };
+            self.record_pass(
+                frame.slot,
+                request,
+                pass,
+                layer,
+                specialization,
+                batches,
+                corners,
+                indices,
+                &sets,
+            )?;
+        }
+        let queries = &self.slots[frame.slot].queries;
+        queries.stamp(commands, 3);
+        if let Some(workspace) = &mut self.workspace
+            && config.expansion == Expansion::Precomputed
+        {
+            workspace.copy_plan(&self.gpu, commands, frame.slot);
+        }
+        let slot = &mut self.slots[frame.slot];
+        slot.report.views = views.len() as u32;
+        slot.report.pixels = u64::from(target.size[0]) * u64::from(target.size[1]) * views.len() as u64;
+        slot.report.full_screen_fragments = slot.report.pixels * u64::from(batches - 1);
+        Ok(())
+    }
+
+    fn write_frame_data(&mut self, slot: usize, request: &DrawRequest<'_>) {
+        let data = frame_data(request);
+        self.background = request.config.background;
+        let uniform = &mut self.slots[slot].uniform;
+        uniform.mapped_mut()[..size_of::<FrameData>()].copy_from_slice(bytemuck::bytes_of(&data));
+    }
+}
+
+impl Drop for Renderer {
+    fn drop(&mut self) {
+        if let Err(e) = self.forget_targets() {
+            log::error!("{e}");
+        }
+        let device = self.gpu.device();
+        for slot in &self.slots {
+            // SAFETY: the device is idle.
+            unsafe {
+                device.destroy_fence(slot.fence, None);
+                device.destroy_command_pool(slot.pool, None);
+                device.destroy_descriptor_pool(slot.descriptors, None);
+            }
+        }
+    }
+}
