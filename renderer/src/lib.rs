@@ -1,5 +1,6 @@
 //! Turns a splat scene and a list of views into images. Knows neither windows nor OpenXR.
 
+mod choices;
 mod config;
 mod frame;
 pub mod gpu;
@@ -18,6 +19,7 @@ mod upload;
 mod view;
 mod workspace;
 
+pub use choices::{CHOICES, Choice, Kind, PRESETS};
 pub use config::*;
 pub use offscreen::{Offscreen, Picture};
 pub use packing::Packing;
