@@ -1,1 +1,3 @@
-//! See the crate's description.
+//! What the viewer does, wherever it runs.
+
+pub mod prediction;
