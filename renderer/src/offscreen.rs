@@ -94,8 +94,21 @@ impl Offscreen {
         config: &RenderConfig,
     ) -> Result<(Vec<Picture>, FrameReport), GpuError> {
         self.sort(scene, views, config);
+        self.picture(scene, views, config)
+    }
+
+    /// As [`Offscreen::render`], in the order of the last [`Offscreen::sort`].
+    ///
+    /// # Errors
+    /// The driver's, or a choice that the device does not allow.
+    pub fn picture(
+        &mut self,
+        scene: &SceneOnDevice,
+        views: &[View],
+        config: &RenderConfig,
+    ) -> Result<(Vec<Picture>, FrameReport), GpuError> {
         let report = self.record(scene, views, config, true)?;
-        let size = views[0].size;
+        let size = views.first().map_or([0, 0], |v| v.size);
         let count = (size[0] * size[1]) as usize;
         let bytes = self.readback.as_ref().map(Buffer::mapped).unwrap_or_default();
         let pictures = bytes

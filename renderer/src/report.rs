@@ -33,6 +33,14 @@ pub struct FrameReport {
     pub visible: u32,
     /// Pixels of all polygons, as predicted before drawing (precomputed expansion).
     pub predicted_fragments: f32,
+    /// Draw calls, full-screen ones among them.
+    pub draws: u32,
+    /// Compute dispatches.
+    pub dispatches: u32,
+    /// Render passes.
+    pub passes: u32,
+    /// Bytes brought to the device for this frame.
+    pub uploaded_bytes: u64,
 }
 
 impl FrameReport {

@@ -324,6 +324,11 @@ impl Gpu {
         unsafe { self.device.device_wait_idle() }.during("vkDeviceWaitIdle")
     }
 
+    /// Bytes of everything that is allocated on the device now.
+    pub fn allocated_bytes(&self) -> u64 {
+        self.allocator().generate_report().total_allocated_bytes
+    }
+
     pub(crate) fn allocator(&self) -> MutexGuard<'_, Allocator> {
         self.allocator.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -62,6 +62,13 @@ pub enum GpuError {
     },
 }
 
+impl GpuError {
+    /// Whether the device is gone, and everything made with it.
+    pub fn is_lost(&self) -> bool {
+        matches!(self, Self::Call { result: vk::Result::ERROR_DEVICE_LOST, .. })
+    }
+}
+
 fn remedy(result: vk::Result) -> &'static str {
     match result {
         vk::Result::ERROR_DEVICE_LOST => {

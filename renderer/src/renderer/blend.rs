@@ -123,6 +123,10 @@ impl Renderer {
             device.cmd_end_render_pass(commands);
         }
         const { assert!(PUSH_BYTES >= 20) };
+        let marks = if pass.early_stop { batches - 1 } else { 0 };
+        let report = &mut self.slots[slot].report;
+        report.draws += batches + marks + 1;
+        report.passes += 1;
         Ok(())
     }
 

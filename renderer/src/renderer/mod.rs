@@ -19,6 +19,7 @@ use ash::vk;
 use frame_data::{blended_format, corners, frame_data, specialization};
 use gpu_allocator::MemoryLocation;
 use motes_shaders::layout::FrameData;
+use prepare::PREPARATION_DISPATCHES;
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -314,6 +315,7 @@ impl Renderer {
 
         if config.expansion == Expansion::Precomputed {
             self.record_preparation(commands, scene.splats, &sets, specialization)?;
+            self.slots[frame.slot].report.dispatches += PREPARATION_DISPATCHES;
         }
         self.slots[frame.slot].queries.stamp(commands, 2);
 
@@ -363,6 +365,7 @@ impl Renderer {
         self.background = request.config.background;
         let uniform = &mut self.slots[slot].uniform;
         uniform.mapped_mut()[..size_of::<FrameData>()].copy_from_slice(bytemuck::bytes_of(&data));
+        self.slots[slot].report.uploaded_bytes += size_of::<FrameData>() as u64;
     }
 }
 

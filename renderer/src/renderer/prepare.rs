@@ -9,6 +9,9 @@ use ash::vk;
 use gpu_allocator::MemoryLocation;
 use motes_shaders::layout::{BLOCK, Specialization};
 
+/// Dispatches that prepare a frame: project, plan, emit.
+pub(super) const PREPARATION_DISPATCHES: u32 = 3;
+
 impl Renderer {
     pub(super) fn prepare_workspace(&mut self, scene: &SceneOnDevice, exact: bool) -> Result<(), GpuError> {
         if !self.workspace.as_ref().is_some_and(|w| w.fits(scene.splats, exact)) {
@@ -64,6 +67,7 @@ impl Renderer {
                 }
             }
             workspace.order_id = request.order.id;
+            slot.report.uploaded_bytes += bytes;
         }
         // The frame before still draws from the records that this one writes.
         let barrier = vk::MemoryBarrier::default()
@@ -84,6 +88,7 @@ impl Renderer {
         Ok(())
     }
 
+    /// Projects, plans and lists what is drawn: [`PREPARATION_DISPATCHES`].
     pub(super) fn record_preparation(
         &mut self,
         commands: vk::CommandBuffer,
