@@ -1,3 +1,5 @@
-//! What the viewer does, wherever it runs.
+//! What the viewer does, wherever it runs: opens scenes, moves the eye, keeps time.
 
+pub mod framing;
+pub mod opened;
 pub mod prediction;

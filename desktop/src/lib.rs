@@ -1,4 +1,8 @@
 //! The `motes` command's parts, shared with the tests.
 
 pub mod commands;
+pub mod config_args;
+pub mod error;
 pub mod measure;
+pub mod shots;
+pub mod studio;

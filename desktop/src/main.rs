@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use motes_desktop::commands::compare;
+use motes_desktop::commands::{compare, golden, info, render};
 
 /// Viewer for 3-D and 4-D Gaussian splatting scenes.
 #[derive(Parser)]
@@ -15,12 +15,19 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
+    Info(info::InfoArgs),
+    Render(render::RenderArgs),
     Compare(compare::CompareArgs),
+    Golden(golden::GoldenArgs),
 }
 
 fn main() -> ExitCode {
+    env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("error")).init();
     let result = match Cli::parse().command {
+        Command::Info(args) => info::run(&args).map_err(|e| e.to_string()),
+        Command::Render(args) => render::run(&args).map_err(|e| e.to_string()),
         Command::Compare(args) => compare::run(&args).map_err(|e| e.to_string()),
+        Command::Golden(args) => golden::run(&args).map_err(|e| e.to_string()),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
@@ -28,5 +35,17 @@ fn main() -> ExitCode {
             eprintln!("motes: {message}");
             ExitCode::FAILURE
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    /// Two options of one name would only be found when somebody uses the command.
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::command().debug_assert();
     }
 }

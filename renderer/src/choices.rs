@@ -185,15 +185,33 @@ pub const CHOICES: &[Choice] = &[
     choice!(time, "time", Kind::Number(0.0, 1.0), "Moment of a moving scene"),
 ];
 
+/// A configuration with a name.
+pub struct Preset {
+    /// Its name on the command line.
+    pub name: &'static str,
+    /// What it stands for, one line.
+    pub about: &'static str,
+    /// Makes it.
+    pub config: fn() -> RenderConfig,
+}
+
 /// Configurations with a name.
-pub const PRESETS: &[(&str, &str, fn() -> RenderConfig)] = &[
-    ("default", "Optimal projection, octagons, early stop", RenderConfig::default),
-    ("inria", "The trainers' semantics: affine, depth order, every layer", RenderConfig::inria),
-    (
-        "quest-report",
-        "The Quest report's viewer: geometry stage, squares, back to front",
-        RenderConfig::quest_report,
-    ),
+pub const PRESETS: &[Preset] = &[
+    Preset {
+        name: "default",
+        about: "Optimal projection, octagons, early stop",
+        config: RenderConfig::default,
+    },
+    Preset {
+        name: "inria",
+        about: "The trainers' semantics: affine, depth order, every layer",
+        config: RenderConfig::inria,
+    },
+    Preset {
+        name: "quest-report",
+        about: "The Quest report's viewer: geometry stage, squares, back to front",
+        config: RenderConfig::quest_report,
+    },
 ];
 
 #[cfg(test)]
@@ -206,9 +224,10 @@ mod tests {
         let json = serde_json::to_value(RenderConfig::default()).unwrap();
         let mut fields: Vec<_> = json.as_object().unwrap().keys().map(|k| k.replace('_', "-")).collect();
         let mut names: Vec<_> = CHOICES.iter().map(|c| c.name.to_owned()).collect();
-        for (field, name) in [("sorter", "sort")] {
-            assert_eq!(fields.iter_mut().filter(|f| *f == field).map(|f| *f = name.to_owned()).count(), 1);
-        }
+        let sorter = fields.iter_mut().find(|f| *f == "sorter").unwrap();
+        *sorter = "sort".to_owned();
+        let target = fields.iter_mut().find(|f| *f == "target").unwrap();
+        *target = "target-format".to_owned();
         fields.sort();
         names.sort();
         assert_eq!(fields, names);
@@ -216,13 +235,13 @@ mod tests {
 
     #[test]
     fn values_survive_their_text() {
-        for (name, _, preset) in PRESETS {
-            let wanted = preset();
+        for preset in PRESETS {
+            let wanted = (preset.config)();
             let mut config = RenderConfig { time: 0.5, near: 7.0, ..Default::default() };
             for choice in CHOICES {
                 choice.set(&mut config, &choice.get(&wanted)).unwrap();
             }
-            assert_eq!(config, wanted, "{name}");
+            assert_eq!(config, wanted, "{}", preset.name);
         }
     }
 

@@ -119,8 +119,10 @@ axis!(
         OpacityAware = "opacity-aware",
         /// √8 for every splat.
         Sqrt8 = "sqrt8",
-        /// Until its own opacity falls below 1/255, uncapped (the trainers' reach).
+        /// Until its own opacity falls below 1/255, uncapped.
         Full = "full",
+        /// As the trainers: the 16 × 16 tiles that a square of 3 standard deviations touches (affine only).
+        Tiles = "tiles",
     }
 );
 
@@ -194,9 +196,11 @@ axis!(
 
 axis!(
     /// Format of the image that splats are blended into.
-    TargetFormat = "target" {
+    TargetFormat = "target-format" {
         /// 16-bit floats.
         Rgba16F = "rgba16f",
+        /// 32-bit floats, to measure what the others lose (where the device blends them).
+        Rgba32F = "rgba32f",
         /// 8 bits.
         Rgba8 = "rgba8",
         /// 10 bits, 2 of alpha.
@@ -329,6 +333,18 @@ impl RenderConfig {
                 capabilities.device
             ));
         }
+        if self.target == TargetFormat::Rgba32F && !capabilities.blend_rgba32f {
+            return refuse(format!(
+                "target-format rgba32f: {} does not blend 32-bit floats; choose rgba16f",
+                capabilities.device
+            ));
+        }
+        if self.radius == RadiusRule::Tiles && self.projection != Projection::Affine {
+            return refuse(format!(
+                "radius tiles: the trainers' tiles exist in the affine projection, not in {}",
+                self.projection
+            ));
+        }
         if !(2..=motes_shaders::layout::MAX_BATCHES as u32).contains(&self.batches) {
             return refuse(format!(
                 "batches must be 2 to {}, not {}",
@@ -366,11 +382,11 @@ impl RenderConfig {
         Ok(())
     }
 
-    /// The trainers' semantics (INRIA): affine, depth order, near plane 0.2 without a fade, every layer, full reach.
+    /// The trainers' semantics (INRIA): affine, depth order, near plane 0.2 without a fade, every layer, tiles.
     pub fn inria() -> Self {
         Self {
             projection: Projection::Affine,
-            radius: RadiusRule::Full,
+            radius: RadiusRule::Tiles,
             order: OrderKey::Depth,
             composite: Composite::FrontToBack,
             near: 0.2,

@@ -20,7 +20,7 @@ mod upload;
 mod view;
 mod workspace;
 
-pub use choices::{CHOICES, Choice, Kind, PRESETS};
+pub use choices::{CHOICES, Choice, Kind, PRESETS, Preset};
 pub use config::*;
 pub use offscreen::{Offscreen, Picture};
 pub use packing::Packing;

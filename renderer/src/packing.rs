@@ -1,6 +1,6 @@
 //! Splats in the forms that the device stores. Twins of `read_splat` and `sh_coefficient` in the shaders.
 
-use crate::{Precision, ShPrecision};
+use crate::{Precision, RenderConfig, ShPrecision};
 use half::f16;
 use motes_scenes::{SH_C0, Splats};
 use motes_shaders::layout::{GEOMETRY_WORDS_F16, GEOMETRY_WORDS_F32, MOTION_WORDS, sh_words};
@@ -20,6 +20,18 @@ pub struct Packing {
 }
 
 impl Packing {
+    /// How a configuration wants a scene stored.
+    pub fn of_config(config: &RenderConfig) -> Self {
+        Self { precision: config.precision, sh_precision: config.sh_precision, sh_degree: config.sh_degree }
+    }
+
+    /// Bytes of a scene on the device, motion included.
+    pub fn bytes(&self, splats: &Splats) -> u64 {
+        let packing = Self { sh_degree: self.sh_degree.min(splats.sh_degree), ..*self };
+        let motion = if splats.motion.is_some() { MOTION_WORDS as usize } else { 0 };
+        4 * (splats.len() * (packing.geometry_words() + packing.sh_words() + motion)) as u64
+    }
+
     /// 32-bit words of one splat's geometry.
     pub fn geometry_words(&self) -> usize {
         match self.precision {

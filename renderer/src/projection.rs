@@ -255,7 +255,7 @@ pub fn reach(rule: RadiusRule, opacity: f64) -> Option<f64> {
     }
     let full = (2.0 * (opacity / MIN_ALPHA).ln()).max(0.0).sqrt();
     Some(match rule {
-        RadiusRule::Full => full,
+        RadiusRule::Full | RadiusRule::Tiles => full,
         RadiusRule::OpacityAware => full.min(8f64.sqrt()),
         RadiusRule::Sqrt8 => 8f64.sqrt(),
     })

@@ -43,6 +43,7 @@ impl Traffic {
             Expansion::Geometry => (splats * splat * views, 0),
         };
         let texel = match config.target {
+            TargetFormat::Rgba32F => 16,
             TargetFormat::Rgba16F => 8,
             TargetFormat::Rgba8 | TargetFormat::Rgb10A2 => 4,
         };

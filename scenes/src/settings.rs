@@ -283,7 +283,8 @@ impl Settings {
         Ok(Self { orientation, scale, floor, first_view, views, other: object.rest })
     }
 
-    fn to_json(&self) -> Map<String, Value> {
+    /// The settings as they stand in the file.
+    pub fn to_json(&self) -> Map<String, Value> {
         let mut json = self.other.clone();
         json.insert("version".into(), VERSION.into());
         match self.orientation {

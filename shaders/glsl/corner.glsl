@@ -28,6 +28,21 @@ vec4 to_clip(vec3 p, vec4 t) {
                 0.5 * p.z, p.z);
 }
 
+// The trainers' reach (Kerbl et al. 2023): every pixel of the 16 x 16 tiles that the square of ceil(3 sqrt(lambda1)) pixels
+// around the mean touches; cut to the box of the ellipse beyond which nothing is left of the splat. Lower and upper
+// end, in pixels from the image's corner. Their pixels have centres at whole numbers, and they cut towards zero.
+vec4 tile_box(vec2 center, vec2 major, vec2 minor, float k, vec2 size) {
+    vec2 box = vec2(dot(vec2(major.x, minor.x), vec2(major.x, minor.x)), dot(vec2(major.y, minor.y), vec2(major.y, minor.y)));
+    float xy = major.x * major.y + minor.x * minor.y;
+    float middle = 0.5 * (box.x + box.y);
+    float radius = ceil(3.0 * sqrt(middle + sqrt(max(0.1, middle * middle - (box.x * box.y - xy * xy)))));
+    vec2 tiles = ceil(size / 16.0);
+    vec2 first = 16.0 * clamp(trunc((center - 0.5 - radius) / 16.0), vec2(0.0), tiles);
+    vec2 last = 16.0 * clamp(trunc((center - 0.5 + radius + 15.0) / 16.0), vec2(0.0), tiles);
+    vec2 reach = k * sqrt(box) + 1.0;
+    return vec4(max(first, center - reach), min(last, center + reach));
+}
+
 const vec4 OUTSIDE = vec4(2.0, 2.0, 2.0, 1.0);
 
 struct Corner {
@@ -57,7 +72,13 @@ Corner splat_corner(uint corner, vec3 m, vec2 major, float ratio, float opacity,
         return c;
     }
     vec2 pq;
-    if (PROJECTION == PROJECTION_EXACT) {
+    if (PROJECTION == PROJECTION_AFFINE && RADIUS == RADIUS_TILES) {
+        vec2 focal = view.image.xy;
+        vec4 box = tile_box((m.xy - view.tangents.xz) * focal, major * focal, minor * focal, k, view.image.zw);
+        vec2 side = SHAPE == SHAPE_DIAMOND ? vec2(unit.x + unit.y, unit.y - unit.x) : sign(unit);
+        vec2 ab = mix(box.xy, max(box.xy, box.zw), 0.5 * side + 0.5) / focal + view.tangents.xz - m.xy;
+        pq = vec2(dot(ab, major) / dot(major, major), dot(ab, minor) / max(dot(minor, minor), 1e-30));
+    } else if (PROJECTION == PROJECTION_EXACT) {
         // Cholesky factor of the reach: any factor turns the shape around the circle into one around the ellipse.
         float l11 = sqrt(reach.covariance.x);
         float l21 = reach.covariance.y / l11;

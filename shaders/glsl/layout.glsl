@@ -39,6 +39,7 @@ const uint SHAPE_AXIS_ALIGNED = 3;
 const uint RADIUS_OPACITY_AWARE = 0;
 const uint RADIUS_SQRT8 = 1;
 const uint RADIUS_FULL = 2;
+const uint RADIUS_TILES = 3;
 const uint PRECISION_F32 = 0;
 const uint PRECISION_F16 = 1;
 const uint PRECISION_F16_NAIVE = 2;

@@ -44,7 +44,7 @@ mat3 rotation_matrix(vec4 q) {
 float polygon_radius(float opacity) {
     if (RADIUS == RADIUS_SQRT8) return 2.8284271;
     float full = sqrt(max(0.0, 2.0 * log(opacity / MIN_ALPHA)));
-    return RADIUS == RADIUS_FULL ? full : min(full, 2.8284271);
+    return RADIUS == RADIUS_OPACITY_AWARE ? min(full, 2.8284271) : full;
 }
 
 float shape_area() {

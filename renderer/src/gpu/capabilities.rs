@@ -24,6 +24,8 @@ pub struct Capabilities {
     pub shader_float16: bool,
     /// 16-bit values in storage buffers.
     pub storage_16bit: bool,
+    /// 32-bit float images that can be blended.
+    pub blend_rgba32f: bool,
     /// Subgroup size.
     pub subgroup_size: u32,
     /// Bytes of one storage-buffer binding.
@@ -62,6 +64,11 @@ impl Capabilities {
         unsafe { instance.get_physical_device_features2(physical, &mut features) };
         let plain = features.features;
         // SAFETY: as above.
+        let float32 = unsafe {
+            instance.get_physical_device_format_properties(physical, vk::Format::R32G32B32A32_SFLOAT)
+        };
+        let blended = vk::FormatFeatureFlags::COLOR_ATTACHMENT_BLEND;
+        // SAFETY: as above.
         let families = unsafe { instance.get_physical_device_queue_family_properties(physical) };
         let timestamps = families.get(queue_family as usize).is_some_and(|f| f.timestamp_valid_bits > 0);
 
@@ -83,6 +90,7 @@ impl Capabilities {
             timestamp_period: if timestamps { limits.timestamp_period } else { 0.0 },
             shader_float16: float16.shader_float16 == vk::TRUE,
             storage_16bit: storage16.storage_buffer16_bit_access == vk::TRUE,
+            blend_rgba32f: float32.optimal_tiling_features.contains(blended),
             subgroup_size: subgroup.subgroup_size,
             max_storage_range: u64::from(limits.max_storage_buffer_range),
             max_image_side: limits

@@ -138,7 +138,10 @@ impl ReferenceOptions {
                 OrderKey::Radial => ReferenceOrder::Radial(None),
                 OrderKey::Depth => ReferenceOrder::Depth,
             },
-            reach: Reach::Rule(config.radius),
+            reach: match config.radius {
+                RadiusRule::Tiles => Reach::TrainerTiles,
+                rule => Reach::Rule(rule),
+            },
             near: config.near.into(),
             near_fade: config.near_fade.into(),
             min_opacity: config.min_opacity.into(),

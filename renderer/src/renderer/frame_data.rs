@@ -18,6 +18,7 @@ pub(super) fn specialization(scene: &SceneOnDevice, views: usize, config: &Rende
             RadiusRule::OpacityAware => 0,
             RadiusRule::Sqrt8 => 1,
             RadiusRule::Full => 2,
+            RadiusRule::Tiles => 3,
         },
         precision: scene.packing.precision as u32,
         sh_degree: u32::from(config.sh_degree.min(scene.packing.sh_degree)),
@@ -43,6 +44,7 @@ pub(super) fn blended_format(target: TargetFormat) -> vk::Format {
     match target {
         TargetFormat::Rgba16F => vk::Format::R16G16B16A16_SFLOAT,
         TargetFormat::Rgba8 => vk::Format::R8G8B8A8_UNORM,
+        TargetFormat::Rgba32F => vk::Format::R32G32B32A32_SFLOAT,
         TargetFormat::Rgb10A2 => vk::Format::A2B10G10R10_UNORM_PACK32,
     }
 }

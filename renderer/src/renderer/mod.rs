@@ -78,6 +78,8 @@ struct Slot {
     commands: vk::CommandBuffer,
     fence: vk::Fence,
     submitted: bool,
+    /// Whether the frame copied its plan, for the report.
+    planned: bool,
     descriptors: vk::DescriptorPool,
     uniform: Buffer,
     order_staging: Option<Buffer>,
@@ -172,6 +174,7 @@ impl Renderer {
             commands,
             fence,
             submitted: false,
+            planned: false,
             descriptors,
             uniform,
             order_staging: None,
@@ -207,6 +210,7 @@ impl Renderer {
         slot.queries.reset(slot.commands);
         slot.queries.stamp(slot.commands, 0);
         slot.report = FrameReport::default();
+        slot.planned = false;
         Ok(Frame { slot: index, commands: slot.commands })
     }
 
@@ -221,7 +225,9 @@ impl Renderer {
             }
             slot.submitted = false;
             slot.queries.read(&mut slot.report)?;
-            if let Some(workspace) = &self.workspace {
+            if let Some(workspace) = &self.workspace
+                && slot.planned
+            {
                 workspace.read_plan(index, &mut slot.report);
             }
         }
@@ -352,6 +358,7 @@ impl Renderer {
             && config.expansion == Expansion::Precomputed
         {
             workspace.copy_plan(&self.gpu, commands, frame.slot);
+            self.slots[frame.slot].planned = true;
         }
         let slot = &mut self.slots[frame.slot];
         slot.report.views = views.len() as u32;

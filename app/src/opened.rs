@@ -1,0 +1,76 @@
+//! A scene as the viewer opens it: its splats, how it stands in the world, and the cameras that belong to it.
+
+use std::path::{Path, PathBuf};
+
+use motes_scenes::cameras::{self, Camera};
+use motes_scenes::settings::Settings;
+use motes_scenes::{LoadOptions, Scene, SceneError, load_many, sample};
+
+/// A scene, and what belongs to it.
+#[derive(Clone, Debug)]
+pub struct Opened {
+    /// What to call it: the first file's name.
+    pub name: String,
+    /// The first file, beside which settings are kept; `None` for the sample.
+    pub path: Option<PathBuf>,
+    /// The splats.
+    pub scene: Scene,
+    /// How it stands in the world.
+    pub settings: Settings,
+    /// Whether the settings were found beside the scene, rather than assumed.
+    pub settings_found: bool,
+    /// The data set's cameras, empty where none were found.
+    pub cameras: Vec<Camera>,
+}
+
+impl Opened {
+    /// Opens scenes, merged in their order; the sample where none is named.
+    ///
+    /// Settings are those beside the first, cameras those beside the first that has any.
+    ///
+    /// # Errors
+    /// A scene or its settings cannot be read. A camera file beside it that cannot be read is a warning in the
+    /// scene's report: nobody asked for it.
+    pub fn load(paths: &[PathBuf], options: &LoadOptions) -> Result<Self, SceneError> {
+        let Some(first) = paths.first() else {
+            return Ok(Self {
+                name: sample::NAME.to_owned(),
+                path: None,
+                scene: sample::sample(options)?,
+                settings: sample::settings(),
+                settings_found: false,
+                cameras: Vec::new(),
+            });
+        };
+        let found = Settings::load(first)?;
+        let mut scene = load_many(paths, options)?;
+        let settings_found = found.is_some();
+        let settings = found.unwrap_or_else(|| {
+            scene.sources.first().map(|s| Settings::for_format(s.format)).unwrap_or_default()
+        });
+        let mut cameras = Vec::new();
+        if let Some(file) = paths.iter().find_map(|path| cameras::beside(path)) {
+            match cameras::load(&file) {
+                Ok(list) => cameras = list,
+                Err(error) => {
+                    log::warn!("{error}");
+                    scene.report.warnings.push(format!("cameras are left out: {error}"));
+                }
+            }
+        }
+        let name = name_of(first);
+        Ok(Self { name, path: Some(first.clone()), scene, settings, settings_found, cameras })
+    }
+}
+
+/// A scene's name for titles: its file's, and its folder's where the file's says nothing.
+pub fn name_of(path: &Path) -> String {
+    let name = |p: &Path| p.file_name().map(|n| n.to_string_lossy().into_owned());
+    match name(path) {
+        Some(file) if matches!(file.as_str(), "meta.json" | "lod-meta.json" | "point_cloud.ply") => {
+            path.parent().and_then(name).unwrap_or(file)
+        }
+        Some(file) => file,
+        None => path.display().to_string(),
+    }
+}

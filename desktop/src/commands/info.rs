@@ -1,0 +1,89 @@
+//! `motes info`: what is in a scene.
+
+use std::fmt::Write as _;
+use std::io::Write as _;
+use std::path::PathBuf;
+
+use motes_app::opened::Opened;
+use motes_renderer::{Axis, Packing, Precision, ShPrecision};
+use motes_scenes::statement::Statement;
+use motes_scenes::{LoadOptions, Splats};
+
+use crate::error::CommandError;
+
+/// State what is in a scene: counts, bounds, histograms, settings, bytes
+#[derive(Clone, Debug, clap::Args)]
+pub struct InfoArgs {
+    /// Scene files or folders, merged (the sample, where none is named)
+    pub scenes: Vec<PathBuf>,
+    /// Level of a streamed scene, 0 is the finest
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub level: u32,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Bytes that a scene takes on the device in one packing.
+#[derive(Clone, Debug, serde::Serialize)]
+struct OnDevice {
+    precision: Precision,
+    sh_precision: ShPrecision,
+    bytes: u64,
+}
+
+/// The packings worth telling apart: of geometry alone where there are no harmonics.
+fn on_device(splats: &Splats) -> Vec<OnDevice> {
+    let mut list = Vec::new();
+    for &precision in Precision::ALL {
+        for &sh_precision in ShPrecision::ALL {
+            if splats.sh_degree == 0 && sh_precision != ShPrecision::F32 {
+                continue;
+            }
+            let packing = Packing { precision, sh_precision, sh_degree: splats.sh_degree };
+            list.push(OnDevice { precision, sh_precision, bytes: packing.bytes(splats) });
+        }
+    }
+    list
+}
+
+/// Prints the statement.
+///
+/// # Errors
+/// The scene cannot be read.
+pub fn run(args: &InfoArgs) -> Result<(), CommandError> {
+    let options = LoadOptions { level: args.level, ..Default::default() };
+    let opened = Opened::load(&args.scenes, &options)?;
+    let statement = Statement::of(&opened.scene);
+    let device = on_device(&opened.scene.splats);
+    let text = if args.json {
+        let json = serde_json::json!({
+            "statement": statement,
+            "settings": opened.settings.to_json(),
+            "settings_found": opened.settings_found,
+            "on_device": device,
+            "cameras": opened.cameras.len(),
+        });
+        format!("{json:#}\n")
+    } else {
+        let mut text = statement.to_string();
+        let each = |bytes: u64| bytes as f64 / statement.splats.max(1) as f64;
+        text.push_str("\non the device\n");
+        for d in &device {
+            let harmonics = if statement.sh_degree == 0 {
+                String::new()
+            } else {
+                format!(", harmonics {}", d.sh_precision)
+            };
+            let name = format!("{}{harmonics}", d.precision);
+            let (mega, each) = (d.bytes as f64 / 1e6, each(d.bytes));
+            let _ = writeln!(text, "  {name:28} {mega:9.2} MB   {each:6.1} bytes a splat");
+        }
+        let settings = serde_json::Value::Object(opened.settings.to_json());
+        let found = if opened.settings_found { "beside the scene" } else { "assumed" };
+        let _ = write!(text, "\nsettings ({found}): {settings}\n");
+        let _ = writeln!(text, "cameras of the data set: {}", opened.cameras.len());
+        text
+    };
+    std::io::stdout().write_all(text.as_bytes()).map_err(CommandError::Print)
+}
