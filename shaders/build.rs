@@ -30,6 +30,12 @@ const SHADERS: &[(&str, &str, &[&str])] = &[
     ("FULLSCREEN_VERT", "fullscreen.vert", &[]),
     ("MARK_FRAG", "mark.frag", &[]),
     ("RESOLVE_FRAG", "resolve.frag", &[]),
+    ("UPSCALE_BILINEAR_FRAG", "upscale.frag", &[]),
+    ("UPSCALE_BILINEAR_FRAG_MULTIVIEW", "upscale.frag", &["MULTIVIEW"]),
+    ("UPSCALE_INTERLEAVED_FRAG", "upscale.frag", &["INTERLEAVED"]),
+    ("UPSCALE_INTERLEAVED_FRAG_MULTIVIEW", "upscale.frag", &["INTERLEAVED", "MULTIVIEW"]),
+    ("UPSCALE_TEMPORAL_FRAG", "upscale.frag", &["INTERLEAVED", "TEMPORAL"]),
+    ("UPSCALE_TEMPORAL_FRAG_MULTIVIEW", "upscale.frag", &["INTERLEAVED", "TEMPORAL", "MULTIVIEW"]),
 ];
 
 fn main() -> Result<(), Box<dyn Error>> {

@@ -172,6 +172,7 @@ pub const CHOICES: &[Choice] = &[
         "Side of the rendered image over the side of the shown one"
     ),
     choice!(upscale: Upscale, "How a reduced resolution is brought back to full size"),
+    choice!(sharpen, "sharpen", Kind::Number(0.0, 1.0), "Sharpening of the shown image (0: none)"),
     choice!(min_opacity, "min-opacity", Kind::Magnitude(1e-4, 0.5), "Splats of lower opacity are left out"),
     choice!(
         min_contribution,

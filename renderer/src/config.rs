@@ -264,6 +264,8 @@ pub struct RenderConfig {
     pub resolution_scale: f32,
     /// The way back to full size.
     pub upscale: Upscale,
+    /// Sharpening of the shown image, within the range of its neighbouring pixels: 0 (none) to 1.
+    pub sharpen: f32,
     /// Splats of lower opacity are left out.
     pub min_opacity: f32,
     /// Splats whose whole contribution (opacity · 2π √det, pixels) is lower are left out.
@@ -301,6 +303,7 @@ impl Default for RenderConfig {
             target: TargetFormat::Rgba16F,
             resolution_scale: 1.0,
             upscale: Upscale::Interleaved,
+            sharpen: 0.0,
             min_opacity: 1.0 / 255.0,
             min_contribution: 0.0,
             near: 0.05,
@@ -360,6 +363,9 @@ impl RenderConfig {
         }
         if !in_range(self.resolution_scale, 0.5, 1.0) {
             return refuse(format!("resolution-scale must be 0.5 to 1, not {}", self.resolution_scale));
+        }
+        if !in_range(self.sharpen, 0.0, 1.0) {
+            return refuse(format!("sharpen must be 0 to 1, not {}", self.sharpen));
         }
         if !(self.near > 0.0 && self.near.is_finite()) {
             return refuse(format!("near must be a positive distance in metres, not {}", self.near));

@@ -13,6 +13,7 @@ pub mod projection;
 pub mod reference;
 mod renderer;
 mod report;
+pub mod resolution;
 mod scene;
 pub mod spherical_harmonics;
 mod traffic;

@@ -16,10 +16,8 @@ fn call<T>(result: Result<T, vk::Result>, call: &'static str) -> Result<T, GpuEr
 pub(crate) struct PassKey {
     /// Format of the blended image.
     pub blended: vk::Format,
-    /// Format of the output.
-    pub output: vk::Format,
-    /// Layout the output is left in.
-    pub output_layout: vk::ImageLayout,
+    /// Format of the output and the layout it is left in; without one the blended image is kept for a further pass.
+    pub output: Option<(vk::Format, vk::ImageLayout)>,
     /// Views rendered at once, as a bit mask; 0 without multiview.
     pub view_mask: u32,
     /// Whether saturated pixels are marked in a depth attachment.
@@ -95,6 +93,7 @@ impl Passes {
                 .descriptor_count(count)
                 .stage_flags(stages)
         };
+        let image = |at, kind| binding(at, kind, 1).stage_flags(vk::ShaderStageFlags::FRAGMENT);
         let storage = vk::DescriptorType::STORAGE_BUFFER;
         let sets = [
             vec![binding(0, vk::DescriptorType::UNIFORM_BUFFER, 1)],
@@ -109,11 +108,10 @@ impl Passes {
                 binding(6, storage, 1),
             ],
             vec![
-                vk::DescriptorSetLayoutBinding::default()
-                    .binding(0)
-                    .descriptor_type(vk::DescriptorType::INPUT_ATTACHMENT)
-                    .descriptor_count(1)
-                    .stage_flags(vk::ShaderStageFlags::FRAGMENT),
+                // The blended image within its pass; afterwards; and the frame before.
+                image(0, vk::DescriptorType::INPUT_ATTACHMENT),
+                image(1, vk::DescriptorType::COMBINED_IMAGE_SAMPLER),
+                image(2, vk::DescriptorType::COMBINED_IMAGE_SAMPLER),
             ],
         ];
         for (slot, bindings) in made.set_layouts.iter_mut().zip(&sets) {
@@ -138,6 +136,11 @@ impl Passes {
         Ok(made)
     }
 
+    /// The cache that pipelines are made with.
+    pub fn cache(&self) -> vk::PipelineCache {
+        self.cache
+    }
+
     /// Stages that see push constants.
     pub fn push_stages(&self) -> vk::ShaderStageFlags {
         let stages =
@@ -145,7 +148,7 @@ impl Passes {
         if self.gpu.capabilities.geometry_shader { stages | vk::ShaderStageFlags::GEOMETRY } else { stages }
     }
 
-    /// The render pass of a key. Attachments: blended image, output, marks (early stop only).
+    /// The render pass of a key. Attachments: blended image, output (if any), marks (early stop only).
     ///
     /// Subpass 0 blends the splats. With early stop it also reads the blended image back as an input attachment, between
     /// batches and on chip, to write the marks: its self-dependency allows the barrier. Subpass 1 resolves into the output.
@@ -166,11 +169,14 @@ impl Passes {
                 .initial_layout(vk::ImageLayout::UNDEFINED)
                 .final_layout(layout)
         };
-        let mut attachments = vec![
-            transient(key.blended, vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL, vk::AttachmentLoadOp::CLEAR),
-            transient(key.output, key.output_layout, vk::AttachmentLoadOp::DONT_CARE)
-                .store_op(vk::AttachmentStoreOp::STORE),
-        ];
+        let stored = |a: vk::AttachmentDescription| a.store_op(vk::AttachmentStoreOp::STORE);
+        let blended =
+            transient(key.blended, vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL, vk::AttachmentLoadOp::CLEAR);
+        let mut attachments = vec![if key.output.is_some() { blended } else { stored(blended) }];
+        if let Some((format, layout)) = key.output {
+            attachments.push(stored(transient(format, layout, vk::AttachmentLoadOp::DONT_CARE)));
+        }
+        let marks_at = attachments.len() as u32;
         if key.early_stop {
             attachments.push(transient(
                 MARK_FORMAT,
@@ -184,7 +190,7 @@ impl Passes {
         let output =
             [vk::AttachmentReference { attachment: 1, layout: vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL }];
         let marks = vk::AttachmentReference {
-            attachment: 2,
+            attachment: marks_at,
             layout: vk::ImageLayout::DEPTH_STENCIL_ATTACHMENT_OPTIMAL,
         };
         let mut splats = vk::SubpassDescription::default()
@@ -198,6 +204,7 @@ impl Passes {
             .input_attachments(&blended_read)
             .color_attachments(&output);
         let subpasses = [splats, resolve];
+        let subpasses = &subpasses[..if key.output.is_some() { 2 } else { 1 }];
         let by_region = if key.view_mask == 0 {
             vk::DependencyFlags::BY_REGION
         } else {
@@ -250,6 +257,10 @@ impl Passes {
                 .src_access_mask(vk::AccessFlags::COLOR_ATTACHMENT_WRITE)
                 .dst_access_mask(vk::AccessFlags::TRANSFER_READ | vk::AccessFlags::SHADER_READ),
         ];
+        if key.output.is_none() {
+            // The further pass waits for this one by itself.
+            dependencies.truncate(1);
+        }
         if key.early_stop {
             dependencies.push(
                 vk::SubpassDependency::default()
@@ -263,10 +274,11 @@ impl Passes {
             );
         }
         let masks = [key.view_mask; 2];
-        let mut multiview = vk::RenderPassMultiviewCreateInfo::default().view_masks(&masks);
+        let mut multiview =
+            vk::RenderPassMultiviewCreateInfo::default().view_masks(&masks[..subpasses.len()]);
         let mut info = vk::RenderPassCreateInfo::default()
             .attachments(&attachments)
-            .subpasses(&subpasses)
+            .subpasses(subpasses)
             .dependencies(&dependencies);
         if key.view_mask != 0 {
             info = info.push_next(&mut multiview);
@@ -482,20 +494,20 @@ fn specialization_entries() -> Vec<vk::SpecializationMapEntry> {
 }
 
 /// A shader module that lives while a pipeline is made.
-struct Module {
+pub(crate) struct Module {
     gpu: Arc<Gpu>,
     raw: vk::ShaderModule,
 }
 
 impl Module {
-    fn new(gpu: &Arc<Gpu>, code: &[u32]) -> Result<Self, GpuError> {
+    pub fn new(gpu: &Arc<Gpu>, code: &[u32]) -> Result<Self, GpuError> {
         let info = vk::ShaderModuleCreateInfo::default().code(code);
         // SAFETY: the code is SPIR-V, compiled at build time.
         let raw = call(unsafe { gpu.device().create_shader_module(&info, None) }, "vkCreateShaderModule")?;
         Ok(Self { gpu: gpu.clone(), raw })
     }
 
-    fn stage(&self, stage: vk::ShaderStageFlags) -> vk::PipelineShaderStageCreateInfo<'static> {
+    pub fn stage(&self, stage: vk::ShaderStageFlags) -> vk::PipelineShaderStageCreateInfo<'static> {
         vk::PipelineShaderStageCreateInfo::default().stage(stage).module(self.raw).name(c"main")
     }
 }

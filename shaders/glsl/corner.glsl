@@ -50,6 +50,25 @@ struct Corner {
     vec3 plane; // (p, q, 1) in standard deviations, homogeneous
 };
 
+// How far, in the plane's basis, a point of the plane moves with one unit of x in the image at depth 1.
+vec2 along_x(vec3 p, vec2 ab, vec3 m, vec3 u, vec3 v) {
+    return abs(p.z) * (vec2(u.x, v.x) - (PROJECTION == PROJECTION_AFFINE ? vec2(0.0) : ab * m.x));
+}
+
+// The largest offset of a sample at a point of the plane, in units of the ellipse's axes.
+vec2 shift_in_axes(vec2 pq, vec3 m, vec3 u, vec3 v, vec2 major, vec2 minor) {
+    vec2 ab = pq.x * major + pq.y * minor;
+    vec2 e = frame.shown.z * along_x(m + ab.x * u + ab.y * v, ab, m, u, v);
+    return vec2(dot(e, major) / dot(major, major), dot(e, minor) / max(dot(minor, minor), 1e-30));
+}
+
+// A corner of a shape in units of the axes of its ellipse, moved outward by `e`: with these the shape covers every pixel
+// of which a sample up to ±e beside the centre lies in the shape.
+vec2 grown(vec2 corner, vec2 unit, vec2 e) {
+    e = abs(e);
+    return SHAPE == SHAPE_DIAMOND ? corner + unit * (e.x + e.y) : corner + sign(unit) * e;
+}
+
 Corner splat_corner(uint corner, vec3 m, vec2 major, float ratio, float opacity, vec2 linear, vec3 quadratic,
                     ViewData view) {
     vec3 u = vec3(1.0, 0.0, 0.0), v = vec3(0.0, 1.0, 0.0);
@@ -84,11 +103,21 @@ Corner splat_corner(uint corner, vec3 m, vec2 major, float ratio, float opacity,
         float l21 = reach.covariance.y / l11;
         float l22 = sqrt(max(0.0, reach.covariance.z - l21 * l21));
         pq = reach.center + vec2(l11 * unit.x, l21 * unit.x + l22 * unit.y);
+        if (SAMPLING != SAMPLING_CENTERS) {
+            vec2 e = shift_in_axes(pq, m, u, v, major, minor);
+            e = vec2(e.x, (e.y - l21 * e.x / l11) / max(l22, 1e-30)) / vec2(l11, 1.0);
+            unit = grown(unit, unit, e);
+            pq = reach.center + vec2(l11 * unit.x, l21 * unit.x + l22 * unit.y);
+        }
     } else if (SHAPE == SHAPE_AXIS_ALIGNED) {
         vec2 ab = k * unit * sqrt(vec2(major.x * major.x + minor.x * minor.x, major.y * major.y + minor.y * minor.y));
+        if (SAMPLING != SAMPLING_CENTERS) {
+            ab += sign(unit) * abs(frame.shown.z * along_x(m + ab.x * u + ab.y * v, ab, m, u, v));
+        }
         pq = vec2(dot(ab, major) / dot(major, major), dot(ab, minor) / max(dot(minor, minor), 1e-30));
     } else {
         pq = k * unit;
+        if (SAMPLING != SAMPLING_CENTERS) pq = grown(pq, unit, shift_in_axes(pq, m, u, v, major, minor));
     }
     vec2 ab = pq.x * major + pq.y * minor;
     c.position = to_clip(m + ab.x * u + ab.y * v, view.tangents);

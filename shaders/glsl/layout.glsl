@@ -23,6 +23,7 @@ layout(constant_id = 11) const uint VIEWS = 1;          // views per frame
 layout(constant_id = 12) const uint COMPOSITE = 0;      // COMPOSITE_*
 layout(constant_id = 13) const uint GEOMETRY_SHIFT = 21; // log2 of the splats in one geometry binding
 layout(constant_id = 14) const uint SH_SHIFT = 19;      // log2 of the splats in one SH binding
+layout(constant_id = 15) const uint SAMPLING = 0;       // SAMPLING_*
 
 const uint PROJECTION_AFFINE = 0;
 const uint PROJECTION_TANGENT = 1;
@@ -48,6 +49,11 @@ const uint SH_PRECISION_F16 = 1;
 const uint SH_PRECISION_U8 = 2;
 const uint COMPOSITE_FRONT_TO_BACK = 0;
 const uint COMPOSITE_BACK_TO_FRONT = 1;
+const uint SAMPLING_CENTERS = 0;
+const uint SAMPLING_INTERLEAVED = 1;
+const uint HISTORY_NONE = 0;
+const uint HISTORY_STILL = 1;
+const uint HISTORY_MOVING = 2;
 
 // Splats that one compute workgroup handles; also the granularity of batches.
 const uint BLOCK = 128;
@@ -75,6 +81,9 @@ layout(set = 0, binding = 0, std140) uniform Frame {
     vec4 cull;        // near (m), near fade (m), least opacity, least contribution (px)
     vec4 filters;     // low-pass variance (px² of the rendered image), max radius (px), stop threshold (transmittance), time
     uvec4 counts;     // splats, batches, corners, flags
+    uvec4 sampling;   // interleaved: pitch (16.16), step of the cycle, HISTORY_*
+    vec4 shown;       // width and height of the shown image (px); interleaved: a sample's largest offset (slope)
+    vec4 reprojection[6]; // three rows a view: from the shown image (0 .. 1, 0 .. 1, 1) to the one before
 } frame;
 
 #endif

@@ -53,6 +53,12 @@ pub struct FrameData {
     pub filters: [f32; 4],
     /// Splats, batches, corners, flags.
     pub counts: [u32; 4],
+    /// Interleaved sampling: pitch (16.16 fixed point), step of the cycle, `HISTORY_*`.
+    pub sampling: [u32; 4],
+    /// Width and height of the shown image (px); interleaved: a sample's largest offset (slope).
+    pub shown: [f32; 4],
+    /// Three rows a view: from the shown image (`0 ..= 1`, `0 ..= 1`, 1) to the one before.
+    pub reprojection: [[f32; 4]; 6],
 }
 
 /// An indexed indirect draw, as Vulkan defines it.
@@ -135,4 +141,6 @@ pub struct Specialization {
     pub geometry_shift: u32,
     /// log2 of the splats in one spherical-harmonics binding.
     pub sh_shift: u32,
+    /// `SAMPLING_*`.
+    pub sampling: u32,
 }

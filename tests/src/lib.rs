@@ -1,5 +1,7 @@
 //! What the tests that go through more than one crate share.
 
+pub mod golden;
+
 use motes_renderer::gpu::{Gpu, GpuOptions};
 use std::ops::Deref;
 use std::path::{Path, PathBuf};

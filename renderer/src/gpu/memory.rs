@@ -108,6 +108,7 @@ pub struct Image {
     raw: vk::Image,
     view: vk::ImageView,
     layer_views: Vec<vk::ImageView>,
+    array_view: vk::ImageView,
     allocation: Option<Allocation>,
     description: ImageDescription,
 }
@@ -144,6 +145,7 @@ impl Image {
             raw,
             view: vk::ImageView::null(),
             layer_views: Vec::new(),
+            array_view: vk::ImageView::null(),
             allocation: None,
             description,
         };
@@ -174,17 +176,23 @@ impl Image {
             | vk::ImageUsageFlags::DEPTH_STENCIL_ATTACHMENT
             | vk::ImageUsageFlags::INPUT_ATTACHMENT;
         if description.usage.intersects(viewable) {
-            image.view = image.make_view(0, description.layers)?;
+            let kind = |layers| {
+                if layers > 1 { vk::ImageViewType::TYPE_2D_ARRAY } else { vk::ImageViewType::TYPE_2D }
+            };
+            image.view = image.make_view(kind(description.layers), 0, description.layers)?;
             for layer in 0..description.layers {
-                let view = image.make_view(layer, 1)?;
+                let view = image.make_view(kind(1), layer, 1)?;
                 image.layer_views.push(view);
+            }
+            if description.usage.contains(vk::ImageUsageFlags::SAMPLED) {
+                image.array_view =
+                    image.make_view(vk::ImageViewType::TYPE_2D_ARRAY, 0, description.layers)?;
             }
         }
         Ok(image)
     }
 
-    fn make_view(&self, first: u32, count: u32) -> Result<vk::ImageView, GpuError> {
-        let kind = if count > 1 { vk::ImageViewType::TYPE_2D_ARRAY } else { vk::ImageViewType::TYPE_2D };
+    fn make_view(&self, kind: vk::ImageViewType, first: u32, count: u32) -> Result<vk::ImageView, GpuError> {
         let info = vk::ImageViewCreateInfo::default()
             .image(self.raw)
             .view_type(kind)
@@ -210,6 +218,11 @@ impl Image {
         self.view
     }
 
+    /// A view of all layers as an array, however many there are; of sampled images only.
+    pub fn array_view(&self) -> vk::ImageView {
+        self.array_view
+    }
+
     /// A view of one layer.
     pub fn layer_view(&self, layer: u32) -> vk::ImageView {
         self.layer_views.get(layer as usize).copied().unwrap_or(self.view)
@@ -229,6 +242,7 @@ impl Drop for Image {
                 self.gpu.device().destroy_image_view(view, None);
             }
             self.gpu.device().destroy_image_view(self.view, None);
+            self.gpu.device().destroy_image_view(self.array_view, None);
             self.gpu.device().destroy_image(self.raw, None);
         }
         if let Some(allocation) = self.allocation.take()

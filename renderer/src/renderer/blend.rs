@@ -1,6 +1,7 @@
 //! The render pass: batches of splats, marks between them, the resolve.
 
 use super::frame_data::is_srgb;
+use super::upscale::Reduction;
 use super::{DrawRequest, Framebuffer, FramebufferKey, Renderer, call};
 use crate::config::Expansion;
 use crate::gpu::{Buffer, GpuError, Image, ImageDescription};
@@ -22,20 +23,25 @@ impl Renderer {
         corners: u32,
         indices: vk::Buffer,
         sets: &[vk::DescriptorSet; 3],
+        reduction: &Reduction,
     ) -> Result<(), GpuError> {
         let DrawRequest { scene, target, config, .. } = *request;
+        let rendered = reduction.resolution.rendered;
         let stages = match config.expansion {
             Expansion::Precomputed => Stages::Precomputed,
             Expansion::Instanced => Stages::Instanced,
             Expansion::Geometry => Stages::Geometry,
         };
         let splats = self.passes.splats(pass, stages, specialization)?;
-        let resolve = self.passes.full_screen(pass, FullScreen::Resolve)?;
+        let resolve = match pass.output {
+            Some(_) => Some(self.passes.full_screen(pass, FullScreen::Resolve)?),
+            None => None,
+        };
         let mark =
             if pass.early_stop { Some(self.passes.full_screen(pass, FullScreen::Mark)?) } else { None };
         let render_pass = self.passes.pass(pass)?;
         let output = layer.map_or(target.all, |l| target.layers[l]);
-        let (framebuffer, blended_view) = self.framebuffer(render_pass, pass, output, target.size)?;
+        let (framebuffer, blended_view) = self.framebuffer(render_pass, pass, output, rendered)?;
         let read_layout = vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL;
         let mark_layout = vk::ImageLayout::GENERAL;
         let input_sets = [
@@ -43,7 +49,7 @@ impl Renderer {
             self.input_set(slot, blended_view, read_layout)?,
         ];
 
-        let [width, height] = target.size;
+        let [width, height] = rendered;
         let area = vk::Rect2D { offset: vk::Offset2D::default(), extent: vk::Extent2D { width, height } };
         let viewport = vk::Viewport {
             x: 0.0,
@@ -54,12 +60,13 @@ impl Renderer {
             max_depth: 1.0,
         };
         let mut clear = [vk::ClearValue::default(); 3];
-        clear[2].depth_stencil = vk::ClearDepthStencilValue { depth: 1.0, stencil: 0 };
+        let marks_at = if pass.output.is_some() { 2 } else { 1 };
+        clear[marks_at].depth_stencil = vk::ClearDepthStencilValue { depth: 1.0, stencil: 0 };
         let begin = vk::RenderPassBeginInfo::default()
             .render_pass(render_pass)
             .framebuffer(framebuffer)
             .render_area(area)
-            .clear_values(&clear[..if pass.early_stop { 3 } else { 2 }]);
+            .clear_values(&clear[..if pass.early_stop { marks_at + 1 } else { marks_at }]);
         let layout = self.passes.layout;
         let push_stages = self.passes.push_stages();
         let gpu = self.gpu.clone();
@@ -111,6 +118,10 @@ impl Renderer {
                 }
             }
             self.slots[slot].queries.end_statistics(commands, view);
+            let Some(resolve) = resolve else {
+                device.cmd_end_render_pass(commands);
+                return self.record_upscale(slot, request, reduction, pass.view_mask, layer);
+            };
             device.cmd_next_subpass(commands, vk::SubpassContents::INLINE);
             device.cmd_bind_descriptor_sets(commands, graphics, layout, 3, &input_sets[1..], &[]);
             device.cmd_bind_pipeline(commands, graphics, resolve);
@@ -143,7 +154,13 @@ impl Renderer {
             format: pass.blended,
             size,
             layers,
-            usage: vk::ImageUsageFlags::COLOR_ATTACHMENT | vk::ImageUsageFlags::INPUT_ATTACHMENT,
+            usage: vk::ImageUsageFlags::COLOR_ATTACHMENT
+                | vk::ImageUsageFlags::INPUT_ATTACHMENT
+                | if pass.output.is_some() {
+                    vk::ImageUsageFlags::empty()
+                } else {
+                    vk::ImageUsageFlags::SAMPLED
+                },
             aspect: vk::ImageAspectFlags::COLOR,
         };
         let fits = self.blended.as_ref().is_some_and(|(blended, marks)| {
@@ -169,7 +186,8 @@ impl Renderer {
         if let Some(framebuffer) = self.framebuffers.get(&key) {
             return Ok((framebuffer.raw, blended.view()));
         }
-        let mut attachments = vec![blended.view(), output];
+        let mut attachments = vec![blended.view()];
+        attachments.extend(pass.output.map(|_| output));
         if let (Some(marks), true) = (marks, pass.early_stop) {
             attachments.push(marks.view());
         }

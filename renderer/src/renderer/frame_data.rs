@@ -1,7 +1,9 @@
 //! A request as the shaders see it: specialisation constants and uniforms.
 
 use super::DrawRequest;
+use super::upscale::Reduction;
 use crate::config::{Composite, RadiusRule, RenderConfig, TargetFormat};
+use crate::resolution::{Resolution, Sampling};
 use crate::scene::SceneOnDevice;
 use crate::view::View;
 use ash::vk;
@@ -9,7 +11,12 @@ use glam::DVec3;
 use motes_shaders::layout::{FrameData, MAX_BATCHES, Specialization, ViewData};
 use std::mem::offset_of;
 
-pub(super) fn specialization(scene: &SceneOnDevice, views: usize, config: &RenderConfig) -> Specialization {
+pub(super) fn specialization(
+    scene: &SceneOnDevice,
+    views: usize,
+    config: &RenderConfig,
+    resolution: &Resolution,
+) -> Specialization {
     Specialization {
         projection: config.projection as u32,
         low_pass: config.low_pass as u32,
@@ -31,6 +38,7 @@ pub(super) fn specialization(scene: &SceneOnDevice, views: usize, config: &Rende
         composite: u32::from(config.composite == Composite::BackToFront),
         geometry_shift: scene.geometry.shift,
         sh_shift: scene.harmonics.shift,
+        sampling: resolution.sampling as u32,
     }
 }
 
@@ -53,20 +61,28 @@ pub(super) fn is_srgb(format: vk::Format) -> bool {
     matches!(format, vk::Format::R8G8B8A8_SRGB | vk::Format::B8G8R8A8_SRGB | vk::Format::A8B8G8R8_SRGB_PACK32)
 }
 
-pub(super) fn frame_data(request: &DrawRequest<'_>) -> FrameData {
-    let DrawRequest { scene, views, config, target, .. } = *request;
+pub(super) fn frame_data(request: &DrawRequest<'_>, reduction: &Reduction) -> FrameData {
+    let DrawRequest { scene, views, config, .. } = *request;
+    let Reduction { resolution, past, reprojection, .. } = *reduction;
     let mut data = FrameData::default();
-    let [width, height] = target.size.map(|s| s as f32);
+    // Interleaved samples are centres of shown pixels, and the low-pass filter is theirs; else that of the rendered ones.
+    let filtered = match resolution.sampling {
+        Sampling::Centers => resolution.rendered,
+        Sampling::Interleaved => resolution.shown,
+    };
+    let row = |v: DVec3| v.as_vec3().extend(0.0).to_array();
+    let [width, height] = filtered.map(|s| s as f32);
+    let covered = resolution.covered();
+    let beyond = [0, 1].map(|i| covered[i] / f64::from(resolution.shown[i]));
     for (out, view) in data.views.iter_mut().zip(views) {
         let rows = view.rotation.transpose();
-        let row = |v: DVec3| v.as_vec3().extend(0.0).to_array();
         let f = view.fov;
-        let view_of_target = View { size: target.size, ..*view };
-        let [fx, fy] = view_of_target.focal();
+        let [fx, fy] = View { size: filtered, ..*view }.focal();
+        let (right, down) = (f.left + (f.right - f.left) * beyond[0], f.up + (f.down - f.up) * beyond[1]);
         *out = ViewData {
             rotation: [row(rows.x_axis), row(rows.y_axis), row(rows.z_axis)],
             eye: (view.eye - scene.origin).as_vec3().extend(0.0).to_array(),
-            tangents: [f.left as f32, f.right as f32, f.up as f32, f.down as f32],
+            tangents: [f.left as f32, right as f32, f.up as f32, down as f32],
             image: [fx as f32, fy as f32, width, height],
         };
     }
@@ -80,6 +96,15 @@ pub(super) fn frame_data(request: &DrawRequest<'_>) -> FrameData {
         corners(config),
         0,
     ];
+    data.sampling = [resolution.pitch, resolution.step, past as u32, 0];
+    let [shown_width, shown_height] = resolution.shown.map(|s| s as f32);
+    // One slope for both eyes: that of the wider pixels.
+    let pixel = data.views[..views.len()].iter().fold(0.0f32, |p, v| p.max(1.0 / v.image[0]));
+    data.shown = [shown_width, shown_height, resolution.largest_offset() as f32 * pixel, 0.0];
+    for (rows, matrix) in data.reprojection.chunks_exact_mut(3).zip(reprojection) {
+        let columns = matrix.transpose();
+        rows.copy_from_slice(&[row(columns.x_axis), row(columns.y_axis), row(columns.z_axis)]);
+    }
     data
 }
 

@@ -4,6 +4,7 @@ mod blend;
 mod descriptors;
 mod frame_data;
 mod prepare;
+mod upscale;
 
 pub use frame_data::midpoint;
 
@@ -22,6 +23,7 @@ use motes_shaders::layout::FrameData;
 use prepare::PREPARATION_DISPATCHES;
 use std::collections::HashMap;
 use std::sync::Arc;
+use upscale::{Reduction, Upscaler};
 
 /// Frames that may be under way at once.
 const FRAMES: usize = 2;
@@ -123,6 +125,7 @@ pub struct Renderer {
     blended: Option<(Image, Option<Image>)>,
     framebuffers: HashMap<FramebufferKey, Framebuffer>,
     background: [f32; 3],
+    upscaler: Upscaler,
 }
 
 impl Renderer {
@@ -141,6 +144,7 @@ impl Renderer {
             blended: None,
             framebuffers: HashMap::new(),
             background: [0.0; 3],
+            upscaler: Upscaler::new(gpu)?,
         };
         for _ in 0..FRAMES {
             let slot = renderer.make_slot()?;
@@ -163,6 +167,7 @@ impl Renderer {
             vk::DescriptorPoolSize { ty: vk::DescriptorType::UNIFORM_BUFFER, descriptor_count: 4 },
             vk::DescriptorPoolSize { ty: vk::DescriptorType::STORAGE_BUFFER, descriptor_count: 64 },
             vk::DescriptorPoolSize { ty: vk::DescriptorType::INPUT_ATTACHMENT, descriptor_count: 8 },
+            vk::DescriptorPoolSize { ty: vk::DescriptorType::COMBINED_IMAGE_SAMPLER, descriptor_count: 16 },
         ];
         let info = vk::DescriptorPoolCreateInfo::default().max_sets(16).pool_sizes(&sizes);
         // SAFETY: `info` is complete.
@@ -286,6 +291,7 @@ impl Renderer {
     /// The device was lost.
     pub fn forget_targets(&mut self) -> Result<(), GpuError> {
         self.gpu.wait_idle()?;
+        self.upscaler.forget_framebuffers();
         for (_, framebuffer) in self.framebuffers.drain() {
             // SAFETY: the device is idle.
             unsafe { self.gpu.device().destroy_framebuffer(framebuffer.raw, None) };
@@ -308,9 +314,11 @@ impl Renderer {
                 remedy: "Draw stereo in two passes".into(),
             });
         }
-        let specialization = specialization(scene, views.len(), config);
+        let reduction = self.upscaler.reduction(request);
+        self.upscaler.begin(request, &reduction, blended_format(config.target))?;
+        let specialization = specialization(scene, views.len(), config, &reduction.resolution);
         self.prepare_workspace(scene, specialization.projection == crate::Projection::Exact as u32)?;
-        self.write_frame_data(frame.slot, request);
+        self.write_frame_data(frame.slot, request, &reduction);
         self.upload_order(frame.slot, request)?;
         let slot = &self.slots[frame.slot];
         slot.queries.stamp(slot.commands, 1);
@@ -335,8 +343,7 @@ impl Renderer {
         for &(view_mask, layer) in passes {
             let pass = PassKey {
                 blended: blended_format(config.target),
-                output: target.format,
-                output_layout: target.layout,
+                output: (!reduction.further_pass).then_some((target.format, target.layout)),
                 view_mask,
                 early_stop,
             };
@@ -350,8 +357,10 @@ impl Renderer {
                 corners,
                 indices,
                 &sets,
+                &reduction,
             )?;
         }
+        self.upscaler.end(request, &reduction);
         let queries = &self.slots[frame.slot].queries;
         queries.stamp(commands, 3);
         if let Some(workspace) = &mut self.workspace
@@ -362,13 +371,14 @@ impl Renderer {
         }
         let slot = &mut self.slots[frame.slot];
         slot.report.views = views.len() as u32;
-        slot.report.pixels = u64::from(target.size[0]) * u64::from(target.size[1]) * views.len() as u64;
+        let [width, height] = reduction.resolution.rendered.map(u64::from);
+        slot.report.pixels = width * height * views.len() as u64;
         slot.report.full_screen_fragments = slot.report.pixels * u64::from(batches - 1);
         Ok(())
     }
 
-    fn write_frame_data(&mut self, slot: usize, request: &DrawRequest<'_>) {
-        let data = frame_data(request);
+    fn write_frame_data(&mut self, slot: usize, request: &DrawRequest<'_>, reduction: &Reduction) {
+        let data = frame_data(request, reduction);
         self.background = request.config.background;
         let uniform = &mut self.slots[slot].uniform;
         uniform.mapped_mut()[..size_of::<FrameData>()].copy_from_slice(bytemuck::bytes_of(&data));

@@ -1,0 +1,467 @@
+//! From a frame of reduced resolution to the shown image: a pass of its own, which samples the rendered image.
+
+use super::{DrawRequest, Renderer, call};
+use crate::config::{RenderConfig, Upscale};
+use crate::gpu::{Gpu, GpuError, Image, ImageDescription};
+use crate::order::Positions;
+use crate::passes::{Module, PUSH_BYTES};
+use crate::resolution::{Resolution, Sampling};
+use crate::view::View;
+use ash::vk;
+use glam::{DMat3, DVec3};
+use motes_shaders::modules;
+use std::collections::HashMap;
+use std::sync::{Arc, Weak};
+
+use super::frame_data::is_srgb;
+
+/// What the pass and its pipeline depend on.
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+struct Key {
+    output: vk::Format,
+    output_layout: vk::ImageLayout,
+    view_mask: u32,
+    sampling: Sampling,
+    /// Format of the history, in the temporal form.
+    kept: Option<vk::Format>,
+}
+
+/// How a frame of the temporal form stands to the one before.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub(super) enum Past {
+    /// There is none, or of something else.
+    None = 0,
+    /// It showed the same: what was not sampled now was sampled then.
+    Still = 1,
+    /// Eye or scene moved: it is turned to this frame's view, and held within what this frame sampled.
+    Moving = 2,
+}
+
+/// What a frame showed.
+struct Shown {
+    scene: Weak<Positions>,
+    views: Vec<View>,
+    config: RenderConfig,
+}
+
+impl Shown {
+    fn of(request: &DrawRequest<'_>) -> Self {
+        let mut config = request.config.clone();
+        if !request.scene.moving {
+            config.time = 0.0;
+        }
+        Self { scene: Arc::downgrade(&request.scene.positions), views: request.views.to_vec(), config }
+    }
+
+    fn past_of(&self, next: &Self) -> Past {
+        let same = |a: &RenderConfig, b: &RenderConfig| *a == RenderConfig { time: a.time, ..b.clone() };
+        if !Weak::ptr_eq(&self.scene, &next.scene)
+            || self.views.len() != next.views.len()
+            || !same(&self.config, &next.config)
+        {
+            Past::None
+        } else if self.views == next.views && self.config.time == next.config.time {
+            Past::Still
+        } else {
+            Past::Moving
+        }
+    }
+}
+
+/// From the shown image of a view (`0 ..= 1`, `0 ..= 1`, 1) to that of a view before: homogeneous, exact for turns of the
+/// head, and what is far away.
+pub(super) fn reprojection(now: &View, before: &View) -> DMat3 {
+    let rays = |v: &View| {
+        let f = v.fov;
+        DMat3::from_cols(
+            DVec3::new(f.right - f.left, 0.0, 0.0),
+            DVec3::new(0.0, f.down - f.up, 0.0),
+            DVec3::new(f.left, f.up, 1.0),
+        )
+    };
+    rays(before).inverse() * before.rotation * now.rotation.transpose() * rays(now)
+}
+
+/// The frames before, full size and without background: one is read, the other written.
+struct History {
+    images: [Image; 2],
+    /// Which one the last frame wrote.
+    newest: usize,
+    /// What it showed; `None` before the first frame.
+    shown: Option<Shown>,
+}
+
+/// The pass, its pipelines, and the history of the temporal form.
+pub(super) struct Upscaler {
+    gpu: Arc<Gpu>,
+    sampler: vk::Sampler,
+    passes: HashMap<Key, (vk::RenderPass, vk::Pipeline)>,
+    framebuffers: HashMap<(vk::RenderPass, vk::ImageView, vk::ImageView), vk::Framebuffer>,
+    history: Option<History>,
+    step: u32,
+}
+
+/// How this frame is reduced, and how it stands to the one before.
+#[derive(Clone, Copy)]
+pub(super) struct Reduction {
+    pub resolution: Resolution,
+    pub past: Past,
+    /// One a view.
+    pub reprojection: [DMat3; 2],
+    /// Whether rendered and shown image differ, or the shown one is sharpened: both take the further pass.
+    pub further_pass: bool,
+}
+
+impl Upscaler {
+    pub fn new(gpu: &Arc<Gpu>) -> Result<Self, GpuError> {
+        let info = vk::SamplerCreateInfo::default()
+            .mag_filter(vk::Filter::LINEAR)
+            .min_filter(vk::Filter::LINEAR)
+            .address_mode_u(vk::SamplerAddressMode::CLAMP_TO_EDGE)
+            .address_mode_v(vk::SamplerAddressMode::CLAMP_TO_EDGE)
+            .address_mode_w(vk::SamplerAddressMode::CLAMP_TO_EDGE);
+        // SAFETY: `info` is complete.
+        let sampler = call(unsafe { gpu.device().create_sampler(&info, None) }, "vkCreateSampler")?;
+        Ok(Self {
+            gpu: gpu.clone(),
+            sampler,
+            passes: HashMap::new(),
+            framebuffers: HashMap::new(),
+            history: None,
+            step: 0,
+        })
+    }
+
+    /// How a request's frame is reduced.
+    pub fn reduction(&self, request: &DrawRequest<'_>) -> Reduction {
+        let resolution = Resolution::of(request.config, request.target.size, self.step);
+        let mut reduction = Reduction {
+            resolution,
+            past: Past::None,
+            reprojection: [DMat3::IDENTITY; 2],
+            further_pass: resolution.reduced() || request.config.sharpen > 0.0,
+        };
+        if temporal(request.config, &resolution)
+            && let Some(History { images, shown: Some(shown), .. }) = &self.history
+            && images[0].description().size == request.target.size
+        {
+            reduction.past = shown.past_of(&Shown::of(request));
+            for (out, (now, before)) in
+                reduction.reprojection.iter_mut().zip(request.views.iter().zip(&shown.views))
+            {
+                *out = reprojection(now, before);
+            }
+        }
+        reduction
+    }
+
+    /// Makes the history fit; called once a frame, before its first pass.
+    pub fn begin(
+        &mut self,
+        request: &DrawRequest<'_>,
+        reduction: &Reduction,
+        format: vk::Format,
+    ) -> Result<(), GpuError> {
+        if !temporal(request.config, &reduction.resolution) {
+            return Ok(());
+        }
+        let description = ImageDescription {
+            format,
+            size: request.target.size,
+            layers: request.views.len() as u32,
+            usage: vk::ImageUsageFlags::COLOR_ATTACHMENT | vk::ImageUsageFlags::SAMPLED,
+            aspect: vk::ImageAspectFlags::COLOR,
+        };
+        if self.history.as_ref().is_none_or(|h| h.images[0].description() != description) {
+            self.gpu.wait_idle()?;
+            self.forget_framebuffers();
+            self.history = None;
+            let images = [
+                Image::new(&self.gpu, "history 0", description)?,
+                Image::new(&self.gpu, "history 1", description)?,
+            ];
+            self.history = Some(History { images, newest: 0, shown: None });
+        }
+        Ok(())
+    }
+
+    /// After a frame's last pass: the next one follows it.
+    pub fn end(&mut self, request: &DrawRequest<'_>, reduction: &Reduction) {
+        if temporal(request.config, &reduction.resolution)
+            && let Some(history) = &mut self.history
+        {
+            history.newest = 1 - history.newest;
+            history.shown = Some(Shown::of(request));
+            self.step = self.step.wrapping_add(1);
+        }
+    }
+
+    /// Destroys framebuffers. The device must be idle.
+    pub fn forget_framebuffers(&mut self) {
+        for (_, framebuffer) in self.framebuffers.drain() {
+            // SAFETY: the device is idle.
+            unsafe { self.gpu.device().destroy_framebuffer(framebuffer, None) };
+        }
+    }
+
+    fn pass(
+        &mut self,
+        key: Key,
+        layout: vk::PipelineLayout,
+        cache: vk::PipelineCache,
+    ) -> Result<(vk::RenderPass, vk::Pipeline), GpuError> {
+        if let Some(made) = self.passes.get(&key) {
+            return Ok(*made);
+        }
+        let attachment = |format, layout| {
+            vk::AttachmentDescription::default()
+                .format(format)
+                .samples(vk::SampleCountFlags::TYPE_1)
+                .load_op(vk::AttachmentLoadOp::DONT_CARE)
+                .store_op(vk::AttachmentStoreOp::STORE)
+                .stencil_load_op(vk::AttachmentLoadOp::DONT_CARE)
+                .stencil_store_op(vk::AttachmentStoreOp::DONT_CARE)
+                .initial_layout(vk::ImageLayout::UNDEFINED)
+                .final_layout(layout)
+        };
+        let mut attachments = vec![attachment(key.output, key.output_layout)];
+        attachments.extend(key.kept.map(|f| attachment(f, vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL)));
+        let colors = [0, 1].map(|a| vk::AttachmentReference {
+            attachment: a,
+            layout: vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL,
+        });
+        let subpasses = [vk::SubpassDescription::default()
+            .pipeline_bind_point(vk::PipelineBindPoint::GRAPHICS)
+            .color_attachments(&colors[..attachments.len()])];
+        let color = vk::PipelineStageFlags::COLOR_ATTACHMENT_OUTPUT;
+        let fragment = vk::PipelineStageFlags::FRAGMENT_SHADER;
+        let dependencies = [
+            // What was rendered, and the frame before, are read; the frame before that, and its reader, are over.
+            vk::SubpassDependency::default()
+                .src_subpass(vk::SUBPASS_EXTERNAL)
+                .dst_subpass(0)
+                .src_stage_mask(color | fragment | vk::PipelineStageFlags::TRANSFER)
+                .dst_stage_mask(color | fragment)
+                .src_access_mask(vk::AccessFlags::COLOR_ATTACHMENT_WRITE)
+                .dst_access_mask(vk::AccessFlags::COLOR_ATTACHMENT_WRITE | vk::AccessFlags::SHADER_READ),
+            vk::SubpassDependency::default()
+                .src_subpass(0)
+                .dst_subpass(vk::SUBPASS_EXTERNAL)
+                .src_stage_mask(color)
+                .dst_stage_mask(
+                    vk::PipelineStageFlags::TRANSFER | fragment | vk::PipelineStageFlags::BOTTOM_OF_PIPE,
+                )
+                .src_access_mask(vk::AccessFlags::COLOR_ATTACHMENT_WRITE)
+                .dst_access_mask(vk::AccessFlags::TRANSFER_READ | vk::AccessFlags::SHADER_READ),
+        ];
+        let masks = [key.view_mask];
+        let mut multiview = vk::RenderPassMultiviewCreateInfo::default().view_masks(&masks);
+        let mut info = vk::RenderPassCreateInfo::default()
+            .attachments(&attachments)
+            .subpasses(&subpasses)
+            .dependencies(&dependencies);
+        if key.view_mask != 0 {
+            info = info.push_next(&mut multiview);
+        }
+        // SAFETY: `info` is complete and lives until the call returns.
+        let pass = call(unsafe { self.gpu.device().create_render_pass(&info, None) }, "vkCreateRenderPass")?;
+        let code = match (key.sampling, key.kept.is_some(), key.view_mask != 0) {
+            (Sampling::Centers, _, false) => modules::UPSCALE_BILINEAR_FRAG,
+            (Sampling::Centers, _, true) => modules::UPSCALE_BILINEAR_FRAG_MULTIVIEW,
+            (Sampling::Interleaved, false, false) => modules::UPSCALE_INTERLEAVED_FRAG,
+            (Sampling::Interleaved, false, true) => modules::UPSCALE_INTERLEAVED_FRAG_MULTIVIEW,
+            (Sampling::Interleaved, true, false) => modules::UPSCALE_TEMPORAL_FRAG,
+            (Sampling::Interleaved, true, true) => modules::UPSCALE_TEMPORAL_FRAG_MULTIVIEW,
+        };
+        match self.pipeline(pass, attachments.len(), code, layout, cache) {
+            Ok(pipeline) => {
+                self.passes.insert(key, (pass, pipeline));
+                Ok((pass, pipeline))
+            }
+            Err(e) => {
+                // SAFETY: nothing was made of the pass.
+                unsafe { self.gpu.device().destroy_render_pass(pass, None) };
+                Err(e)
+            }
+        }
+    }
+
+    fn pipeline(
+        &self,
+        pass: vk::RenderPass,
+        outputs: usize,
+        fragment: &[u32],
+        layout: vk::PipelineLayout,
+        cache: vk::PipelineCache,
+    ) -> Result<vk::Pipeline, GpuError> {
+        let vertex = Module::new(&self.gpu, modules::FULLSCREEN_VERT)?;
+        let fragment = Module::new(&self.gpu, fragment)?;
+        let stages =
+            [vertex.stage(vk::ShaderStageFlags::VERTEX), fragment.stage(vk::ShaderStageFlags::FRAGMENT)];
+        let vertex_input = vk::PipelineVertexInputStateCreateInfo::default();
+        let assembly = vk::PipelineInputAssemblyStateCreateInfo::default()
+            .topology(vk::PrimitiveTopology::TRIANGLE_LIST);
+        let viewport = vk::PipelineViewportStateCreateInfo::default().viewport_count(1).scissor_count(1);
+        let raster = vk::PipelineRasterizationStateCreateInfo::default()
+            .polygon_mode(vk::PolygonMode::FILL)
+            .cull_mode(vk::CullModeFlags::NONE)
+            .line_width(1.0);
+        let samples = vk::PipelineMultisampleStateCreateInfo::default()
+            .rasterization_samples(vk::SampleCountFlags::TYPE_1);
+        let write =
+            vk::PipelineColorBlendAttachmentState::default().color_write_mask(vk::ColorComponentFlags::RGBA);
+        let writes = [write; 2];
+        let blending = vk::PipelineColorBlendStateCreateInfo::default().attachments(&writes[..outputs]);
+        let dynamic = [vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR];
+        let dynamic = vk::PipelineDynamicStateCreateInfo::default().dynamic_states(&dynamic);
+        let info = vk::GraphicsPipelineCreateInfo::default()
+            .stages(&stages)
+            .vertex_input_state(&vertex_input)
+            .input_assembly_state(&assembly)
+            .viewport_state(&viewport)
+            .rasterization_state(&raster)
+            .multisample_state(&samples)
+            .color_blend_state(&blending)
+            .dynamic_state(&dynamic)
+            .layout(layout)
+            .render_pass(pass);
+        // SAFETY: everything that `info` points to lives until the call returns.
+        let made = unsafe { self.gpu.device().create_graphics_pipelines(cache, &[info], None) };
+        Ok(call(made.map_err(|(_, e)| e), "vkCreateGraphicsPipelines")?[0])
+    }
+
+    fn framebuffer(
+        &mut self,
+        pass: vk::RenderPass,
+        output: vk::ImageView,
+        kept: Option<vk::ImageView>,
+        size: [u32; 2],
+    ) -> Result<vk::Framebuffer, GpuError> {
+        let key = (pass, output, kept.unwrap_or_default());
+        if let Some(framebuffer) = self.framebuffers.get(&key) {
+            return Ok(*framebuffer);
+        }
+        let mut attachments = vec![output];
+        attachments.extend(kept);
+        let info = vk::FramebufferCreateInfo::default()
+            .render_pass(pass)
+            .attachments(&attachments)
+            .width(size[0])
+            .height(size[1])
+            .layers(1);
+        // SAFETY: pass and views are alive.
+        let made = call(unsafe { self.gpu.device().create_framebuffer(&info, None) }, "vkCreateFramebuffer")?;
+        self.framebuffers.insert(key, made);
+        Ok(made)
+    }
+}
+
+fn temporal(config: &RenderConfig, resolution: &Resolution) -> bool {
+    config.upscale == Upscale::InterleavedTemporal && resolution.sampling == Sampling::Interleaved
+}
+
+impl Renderer {
+    /// Records the pass from the rendered image to an output of the target.
+    pub(super) fn record_upscale(
+        &mut self,
+        slot: usize,
+        request: &DrawRequest<'_>,
+        reduction: &Reduction,
+        view_mask: u32,
+        layer: Option<usize>,
+    ) -> Result<(), GpuError> {
+        let DrawRequest { target, config, .. } = *request;
+        let keeps = temporal(config, &reduction.resolution);
+        let rendered = self.blended.as_ref().map_or(vk::ImageView::null(), |b| b.0.array_view());
+        let (read, written, kept) = match (&self.upscaler.history, keeps) {
+            (Some(h), true) => {
+                let [read, written] = [&h.images[h.newest], &h.images[1 - h.newest]];
+                let written = layer.map_or(written.view(), |l| written.layer_view(l as u32));
+                // What no frame has written yet is bound as what was rendered: it is not read.
+                let read = if h.shown.is_some() { read.array_view() } else { rendered };
+                (read, Some(written), Some(h.images[0].description().format))
+            }
+            _ => (rendered, None, None),
+        };
+        let key = Key {
+            output: target.format,
+            output_layout: target.layout,
+            view_mask,
+            sampling: reduction.resolution.sampling,
+            kept,
+        };
+        let layout = self.passes.layout;
+        let (pass, pipeline) = self.upscaler.pass(key, layout, self.passes.cache())?;
+        let output = layer.map_or(target.all, |l| target.layers[l]);
+        let framebuffer = self.upscaler.framebuffer(pass, output, written, target.size)?;
+
+        let set = self.allocate_set(slot, 3)?;
+        let info = |image_view| {
+            [vk::DescriptorImageInfo {
+                sampler: self.upscaler.sampler,
+                image_view,
+                image_layout: vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL,
+            }]
+        };
+        let (rendered, read) = (info(rendered), info(read));
+        let write = |binding, infos| {
+            vk::WriteDescriptorSet { dst_set: set, ..Default::default() }
+                .dst_binding(binding)
+                .descriptor_type(vk::DescriptorType::COMBINED_IMAGE_SAMPLER)
+                .image_info(infos)
+        };
+        let writes = [write(1, &rendered[..]), write(2, &read[..])];
+        // SAFETY: set, views and sampler are alive and the set is not in use by the device.
+        unsafe { self.gpu.device().update_descriptor_sets(&writes, &[]) };
+
+        let [width, height] = target.size;
+        let area = vk::Rect2D { offset: vk::Offset2D::default(), extent: vk::Extent2D { width, height } };
+        let viewport =
+            vk::Viewport { width: width as f32, height: height as f32, max_depth: 1.0, ..Default::default() };
+        let begin =
+            vk::RenderPassBeginInfo::default().render_pass(pass).framebuffer(framebuffer).render_area(area);
+        let b = config.background;
+        let push = [
+            b[0].to_bits(),
+            b[1].to_bits(),
+            b[2].to_bits(),
+            target.background_alpha.to_bits(),
+            u32::from(is_srgb(target.format)),
+            config.sharpen.to_bits(),
+            layer.unwrap_or(0) as u32,
+        ];
+        const { assert!(PUSH_BYTES >= 28) };
+        let device = self.gpu.device();
+        let commands = self.slots[slot].commands;
+        let graphics = vk::PipelineBindPoint::GRAPHICS;
+        let push_stages = self.passes.push_stages();
+        // SAFETY: every handle is alive until the frame is done; set 0 has stayed bound since the splats were drawn.
+        unsafe {
+            device.cmd_begin_render_pass(commands, &begin, vk::SubpassContents::INLINE);
+            device.cmd_set_viewport(commands, 0, &[viewport]);
+            device.cmd_set_scissor(commands, 0, &[area]);
+            device.cmd_bind_descriptor_sets(commands, graphics, layout, 3, &[set], &[]);
+            device.cmd_bind_pipeline(commands, graphics, pipeline);
+            device.cmd_push_constants(commands, layout, push_stages, 0, bytemuck::cast_slice(&push));
+            device.cmd_draw(commands, 3, 1, 0, 0);
+            device.cmd_end_render_pass(commands);
+        }
+        Ok(())
+    }
+}
+
+impl Drop for Upscaler {
+    fn drop(&mut self) {
+        self.forget_framebuffers();
+        // SAFETY: the renderer that owns this has waited for its frames.
+        unsafe {
+            let device = self.gpu.device();
+            for (pass, pipeline) in self.passes.values() {
+                device.destroy_pipeline(*pipeline, None);
+                device.destroy_render_pass(*pass, None);
+            }
+            device.destroy_sampler(self.sampler, None);
+        }
+    }
+}

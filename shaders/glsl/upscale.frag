@@ -1,0 +1,120 @@
+#version 460
+// From rendered pixels to shown ones: bilinear, or from samples whose places are known; then the background, as resolve.frag.
+#include "interleaved.glsl"
+#include "output.glsl"
+layout(set = 3, binding = 1) uniform sampler2DArray rendered;
+layout(location = 0) out vec4 shown;
+#ifdef TEMPORAL
+layout(set = 3, binding = 2) uniform sampler2DArray history;
+layout(location = 1) out vec4 kept;
+#endif
+layout(push_constant) uniform Push { vec4 background; uint decode; float sharpen; uint view; } push;
+
+#ifdef MULTIVIEW
+#define LAYER int(gl_ViewIndex)
+#define VIEW uint(gl_ViewIndex)
+#else
+#define LAYER 0
+#define VIEW push.view
+#endif
+
+ivec2 shown_size() { return ivec2(frame.shown.xy); }
+
+#ifdef INTERLEAVED
+// Squared colour difference below which two directions count the same: two steps of an 8-bit image.
+const float NOISE = 6e-5;
+// Share of the frame before in a moving picture.
+const float MOVING_WEIGHT = 0.5;
+
+vec4 sample_at(int cell, int row) { return texelFetch(rendered, ivec3(cell, row, LAYER), 0); }
+
+// The samples of a row at or on both sides of a column, and their distances to it.
+struct Pair {
+    vec4 left, right;
+    float to_left, to_right;
+};
+
+Pair around(int x, int row) {
+    ivec2 last = textureSize(rendered, 0).xy - 1;
+    row = row < 0 ? -row : row > last.y ? 2 * last.y - row : row; // mirrored
+    row = clamp(row, 0, last.y);
+    int cell = int(cell_of(uint(x)));
+    int at = int(sample_column(uint(cell), uint(row)));
+    int l = at <= x ? cell : cell - 1;
+    int r = at >= x ? cell : cell + 1;
+    // Beyond the image there is no sample: the other side stands for it.
+    l = l < 0 ? r : l;
+    r = r > last.x ? l : r;
+    Pair p;
+    p.left = sample_at(l, row);
+    p.right = sample_at(r, row);
+    p.to_left = abs(float(x - int(sample_column(uint(l), uint(row)))));
+    p.to_right = abs(float(int(sample_column(uint(r), uint(row))) - x));
+    return p;
+}
+
+vec4 between(Pair p) {
+    float d = p.to_left + p.to_right;
+    return d > 0.0 ? mix(p.left, p.right, p.to_left / d) : p.left;
+}
+
+float squared(vec4 d) { return dot(d, d); }
+
+// Along the row and along the column, each trusted the more the less it changes in its own direction.
+vec4 from_neighbours(ivec2 p, out vec4 low, out vec4 high) {
+    Pair row = around(p.x, p.y);
+    vec4 up = between(around(p.x, p.y - 1));
+    vec4 down = between(around(p.x, p.y + 1));
+    vec4 across = between(row);
+    low = min(min(row.left, row.right), min(up, down));
+    high = max(max(row.left, row.right), max(up, down));
+    float reach = 0.5 * (row.to_left + row.to_right);
+    float w_row = 1.0 / ((squared(row.left - row.right) + NOISE) * reach);
+    float w_column = 1.0 / (squared(up - down) + NOISE);
+    return (w_row * across + w_column * 0.5 * (up + down)) / (w_row + w_column);
+}
+#endif
+
+vec4 reconstruct(ivec2 p) {
+    p = clamp(p, ivec2(0), shown_size() - 1);
+#ifdef INTERLEAVED
+    int cell = int(cell_of(uint(p.x)));
+    if (int(sample_column(uint(cell), uint(p.y))) == p.x) return sample_at(cell, p.y);
+    vec4 low, high;
+    vec4 c = from_neighbours(p, low, high);
+#ifdef TEMPORAL
+    if (frame.sampling.z == HISTORY_STILL) return texelFetch(history, ivec3(p, VIEW), 0);
+    if (frame.sampling.z == HISTORY_MOVING) {
+        vec3 uv1 = vec3((vec2(p) + 0.5) / vec2(shown_size()), 1.0);
+        uint at = 3u * VIEW;
+        vec3 before = vec3(dot(frame.reprojection[at].xyz, uv1), dot(frame.reprojection[at + 1u].xyz, uv1),
+                           dot(frame.reprojection[at + 2u].xyz, uv1));
+        vec2 uv = before.xy / before.z;
+        if (before.z > 0.0 && all(greaterThan(uv, vec2(0.0))) && all(lessThan(uv, vec2(1.0)))) {
+            // Never beyond what this frame shows next to it: what has moved away leaves no ghost.
+            vec4 h = clamp(texture(history, vec3(uv, VIEW)), low, high);
+            c = mix(c, h, MOVING_WEIGHT);
+        }
+    }
+#endif
+    return c;
+#else
+    return texture(rendered, vec3((vec2(p) + 0.5) / vec2(shown_size()), LAYER));
+#endif
+}
+
+void main() {
+    ivec2 p = ivec2(gl_FragCoord.xy);
+    vec4 c = reconstruct(p);
+#ifdef TEMPORAL
+    kept = c;
+#endif
+    if (push.sharpen > 0.0) {
+        // Unsharp mask over the four neighbours, held within their range: no halo.
+        vec4 l = reconstruct(p - ivec2(1, 0)), r = reconstruct(p + ivec2(1, 0));
+        vec4 u = reconstruct(p - ivec2(0, 1)), d = reconstruct(p + ivec2(0, 1));
+        vec4 low = min(c, min(min(l, r), min(u, d))), high = max(c, max(max(l, r), max(u, d)));
+        c = clamp(c + push.sharpen * (c - 0.25 * (l + r + u + d)), low, high);
+    }
+    shown = output_color(c, push.background, push.decode != 0u);
+}
