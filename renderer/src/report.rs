@@ -13,8 +13,10 @@ fn call<T>(result: Result<T, vk::Result>, call: &'static str) -> Result<T, GpuEr
 pub struct FrameReport {
     /// Views.
     pub views: u32,
-    /// Pixels of all views.
+    /// Rendered pixels of all views.
     pub pixels: u64,
+    /// Shown pixels of all views: more, where the resolution is reduced.
+    pub shown_pixels: u64,
     /// Device time of the order's upload, ns. 0 where the device has no timestamps.
     pub upload_ns: f64,
     /// Device time of the compute passes before drawing, ns.
@@ -49,7 +51,7 @@ impl FrameReport {
         self.upload_ns + self.prepare_ns + self.draw_ns
     }
 
-    /// Fragments of splats per pixel.
+    /// Fragments of splats per rendered pixel.
     pub fn layers(&self) -> f64 {
         self.fragments.saturating_sub(self.full_screen_fragments) as f64 / self.pixels.max(1) as f64
     }

@@ -101,7 +101,7 @@ impl Resolution {
         let count = self.cell_begin(cell + 1) - begin;
         let t = self.step;
         let eighths = 4 * ((row + t) & 1) + 2 * (((row >> 1) + (t >> 1)) & 1) + ((t >> 2) & 1);
-        begin + (eighths * count >> 3)
+        begin + ((eighths * count) >> 3)
     }
 
     /// How far a sample lies to the right of its rendered pixel's centre, rendered pixels.
@@ -116,7 +116,7 @@ impl Resolution {
             Sampling::Centers => 0.0,
             Sampling::Interleaved => {
                 let pitch = f64::from(self.pitch) / f64::from(ONE);
-                let uneven = if self.pitch % ONE == 0 { 0.0 } else { 0.5 };
+                let uneven = if self.pitch.is_multiple_of(ONE) { 0.0 } else { 0.5 };
                 0.5 * (pitch - 1.0) + uneven
             }
         }

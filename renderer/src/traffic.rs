@@ -54,7 +54,7 @@ impl Traffic {
             scene,
             records,
             blended: texel * (2 * shaded + marks + report.pixels),
-            image: 4 * report.pixels,
+            image: 4 * report.shown_pixels,
         }
     }
 

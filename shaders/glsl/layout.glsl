@@ -81,8 +81,8 @@ layout(set = 0, binding = 0, std140) uniform Frame {
     vec4 cull;        // near (m), near fade (m), least opacity, least contribution (px)
     vec4 filters;     // low-pass variance (px² of the rendered image), max radius (px), stop threshold (transmittance), time
     uvec4 counts;     // splats, batches, corners, flags
-    uvec4 sampling;   // interleaved: pitch (16.16), step of the cycle, HISTORY_*
-    vec4 shown;       // width and height of the shown image (px); interleaved: a sample's largest offset (slope)
+    uvec4 sampling;   // interleaved: pitch (16.16), step of the cycle, HISTORY_*, share of history in motion (float)
+    vec4 shown;       // width, height of the shown image (px); a sample's largest offset (slope); rendered px per filtered px
     vec4 reprojection[6]; // three rows a view: from the shown image (0 .. 1, 0 .. 1, 1) to the one before
 } frame;
 

@@ -234,7 +234,7 @@ Ellipse project_splat(Splat s, ViewData view) {
     Reach reach = reach_of(k, e.linear, e.quadratic);
     e.visible = in_frustum(e.m, e.major.x * u + e.major.y * v, minor.x * u + minor.y * v, reach, view.tangents);
     float image_area = view.image.z * view.image.w;
-    e.area = reach.bounded ? min(shape_area() * k * k * sigma1 * sigma2 * to_pixels * to_pixels, image_area) : image_area;
+    e.area = frame.shown.w * (reach.bounded ? min(shape_area() * k * k * sigma1 * sigma2 * to_pixels * to_pixels, image_area) : image_area);
     return e;
 }
 

@@ -23,8 +23,6 @@ ivec2 shown_size() { return ivec2(frame.shown.xy); }
 #ifdef INTERLEAVED
 // Squared colour difference below which two directions count the same: two steps of an 8-bit image.
 const float NOISE = 6e-5;
-// Share of the frame before in a moving picture.
-const float MOVING_WEIGHT = 0.5;
 
 vec4 sample_at(int cell, int row) { return texelFetch(rendered, ivec3(cell, row, LAYER), 0); }
 
@@ -93,7 +91,7 @@ vec4 reconstruct(ivec2 p) {
         if (before.z > 0.0 && all(greaterThan(uv, vec2(0.0))) && all(lessThan(uv, vec2(1.0)))) {
             // Never beyond what this frame shows next to it: what has moved away leaves no ghost.
             vec4 h = clamp(texture(history, vec3(uv, VIEW)), low, high);
-            c = mix(c, h, MOVING_WEIGHT);
+            c = mix(c, h, uintBitsToFloat(frame.sampling.w));
         }
     }
 #endif

@@ -53,9 +53,10 @@ pub struct FrameData {
     pub filters: [f32; 4],
     /// Splats, batches, corners, flags.
     pub counts: [u32; 4],
-    /// Interleaved sampling: pitch (16.16 fixed point), step of the cycle, `HISTORY_*`.
+    /// Interleaved sampling: pitch (16.16 fixed point), step of the cycle, `HISTORY_*`, bits of the history's share in motion.
     pub sampling: [u32; 4],
-    /// Width and height of the shown image (px); interleaved: a sample's largest offset (slope).
+    /// Width and height of the shown image (px); interleaved: a sample's largest offset (slope); rendered pixels per
+    /// pixel of the low-pass filter.
     pub shown: [f32; 4],
     /// Three rows a view: from the shown image (`0 ..= 1`, `0 ..= 1`, 1) to the one before.
     pub reprojection: [[f32; 4]; 6],

@@ -56,10 +56,8 @@ fn main() {
         let scene = SceneOnDevice::new(&gpu, &golden.splats, packing).unwrap();
         let mut row = |scale: f32, upscale: Upscale, frames: usize, full: Option<&Measured>| {
             let config = RenderConfig { resolution_scale: scale, upscale, ..Default::default() };
-            let (pictures, report) = (0..frames)
-                .map(|_| offscreen.render(&scene, &views, &config).unwrap())
-                .last()
-                .unwrap();
+            let (pictures, report) =
+                (0..frames).map(|_| offscreen.render(&scene, &views, &config).unwrap()).last().unwrap();
             let picture = measured(&pictures[0]);
             let (flip, psnr) = full.map_or((0.0, f64::INFINITY), |f| {
                 let c = compare(f, &picture, &Settings::default()).unwrap();
@@ -95,5 +93,7 @@ fn least_ns(
     config: &RenderConfig,
     times: usize,
 ) -> f64 {
-    (0..times).map(|_| offscreen.draw(scene, views, config).unwrap().device_ns()).fold(f64::INFINITY, f64::min)
+    (0..times)
+        .map(|_| offscreen.draw(scene, views, config).unwrap().device_ns())
+        .fold(f64::INFINITY, f64::min)
 }

@@ -75,6 +75,10 @@ impl Renderer {
         let plan = self.workspace.as_ref().map(|w| w.plan.raw()).unwrap_or_default();
         let graphics = vk::PipelineBindPoint::GRAPHICS;
         let view = layer.unwrap_or(0) as u32;
+        let marks = if pass.early_stop { batches - 1 } else { 0 };
+        let report = &mut self.slots[slot].report;
+        report.draws += batches + marks + u32::from(resolve.is_some());
+        report.passes += 1;
         // SAFETY: every handle is alive until the frame is done; the records and draws were written before.
         unsafe {
             device.cmd_begin_render_pass(commands, &begin, vk::SubpassContents::INLINE);
@@ -120,7 +124,7 @@ impl Renderer {
             self.slots[slot].queries.end_statistics(commands, view);
             let Some(resolve) = resolve else {
                 device.cmd_end_render_pass(commands);
-                return self.record_upscale(slot, request, reduction, pass.view_mask, layer);
+                return self.record_upscale(slot, request, reduction, pass.view_mask, layer, sets[0]);
             };
             device.cmd_next_subpass(commands, vk::SubpassContents::INLINE);
             device.cmd_bind_descriptor_sets(commands, graphics, layout, 3, &input_sets[1..], &[]);
@@ -134,10 +138,6 @@ impl Renderer {
             device.cmd_end_render_pass(commands);
         }
         const { assert!(PUSH_BYTES >= 20) };
-        let marks = if pass.early_stop { batches - 1 } else { 0 };
-        let report = &mut self.slots[slot].report;
-        report.draws += batches + marks + 1;
-        report.passes += 1;
         Ok(())
     }
 

@@ -96,11 +96,12 @@ pub(super) fn frame_data(request: &DrawRequest<'_>, reduction: &Reduction) -> Fr
         corners(config),
         0,
     ];
-    data.sampling = [resolution.pitch, resolution.step, past as u32, 0];
+    data.sampling = [resolution.pitch, resolution.step, past as u32, reduction.history_share.to_bits()];
     let [shown_width, shown_height] = resolution.shown.map(|s| s as f32);
     // One slope for both eyes: that of the wider pixels.
     let pixel = data.views[..views.len()].iter().fold(0.0f32, |p, v| p.max(1.0 / v.image[0]));
-    data.shown = [shown_width, shown_height, resolution.largest_offset() as f32 * pixel, 0.0];
+    let [rendered, filtered] = [resolution.rendered, filtered].map(|s| s[0] as f32 * s[1] as f32);
+    data.shown = [shown_width, shown_height, resolution.largest_offset() as f32 * pixel, rendered / filtered];
     for (rows, matrix) in data.reprojection.chunks_exact_mut(3).zip(reprojection) {
         let columns = matrix.transpose();
         rows.copy_from_slice(&[row(columns.x_axis), row(columns.y_axis), row(columns.z_axis)]);

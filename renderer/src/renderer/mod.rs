@@ -285,6 +285,12 @@ impl Renderer {
         &self.slots[self.next].report
     }
 
+    /// Forgets the frames before, which the temporal form of reduced resolution draws on: after a cut, or for pictures
+    /// that must not depend on what was drawn earlier.
+    pub fn forget_history(&mut self) {
+        self.upscaler.forget_history();
+    }
+
     /// Forgets framebuffers that refer to the caller's images. To be called before those are destroyed.
     ///
     /// # Errors
@@ -373,6 +379,8 @@ impl Renderer {
         slot.report.views = views.len() as u32;
         let [width, height] = reduction.resolution.rendered.map(u64::from);
         slot.report.pixels = width * height * views.len() as u64;
+        let [width, height] = target.size.map(u64::from);
+        slot.report.shown_pixels = width * height * views.len() as u64;
         slot.report.full_screen_fragments = slot.report.pixels * u64::from(batches - 1);
         Ok(())
     }

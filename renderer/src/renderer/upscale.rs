@@ -67,6 +67,17 @@ impl Shown {
             Past::Moving
         }
     }
+
+    /// How much of the history is worth keeping in motion. Turning is followed exactly. Walking is not, as splats have
+    /// no depth: what is 1 m away has moved by `parallax` pixels. Motion of the scene itself may be anywhere.
+    fn share_of(&self, next: &Self) -> f32 {
+        let parallax = self.views.iter().zip(&next.views).fold(0.0f64, |most, (before, now)| {
+            let [fx, fy] = now.focal();
+            most.max((now.eye - before.eye).length() * fx.max(fy))
+        });
+        let turned = 0.5 / (1.0 + parallax * parallax);
+        (if self.config.time == next.config.time { turned } else { 0.5 * turned }) as f32
+    }
 }
 
 /// From the shown image of a view (`0 ..= 1`, `0 ..= 1`, 1) to that of a view before: homogeneous, exact for turns of the
@@ -107,6 +118,8 @@ pub(super) struct Upscaler {
 pub(super) struct Reduction {
     pub resolution: Resolution,
     pub past: Past,
+    /// Weight of the history where eye or scene moved, `0 ..= 1`.
+    pub history_share: f32,
     /// One a view.
     pub reprojection: [DMat3; 2],
     /// Whether rendered and shown image differ, or the shown one is sharpened: both take the further pass.
@@ -139,6 +152,7 @@ impl Upscaler {
         let mut reduction = Reduction {
             resolution,
             past: Past::None,
+            history_share: 0.0,
             reprojection: [DMat3::IDENTITY; 2],
             further_pass: resolution.reduced() || request.config.sharpen > 0.0,
         };
@@ -146,7 +160,9 @@ impl Upscaler {
             && let Some(History { images, shown: Some(shown), .. }) = &self.history
             && images[0].description().size == request.target.size
         {
-            reduction.past = shown.past_of(&Shown::of(request));
+            let next = Shown::of(request);
+            reduction.past = shown.past_of(&next);
+            reduction.history_share = shown.share_of(&next);
             for (out, (now, before)) in
                 reduction.reprojection.iter_mut().zip(request.views.iter().zip(&shown.views))
             {
@@ -194,6 +210,14 @@ impl Upscaler {
             history.newest = 1 - history.newest;
             history.shown = Some(Shown::of(request));
             self.step = self.step.wrapping_add(1);
+        }
+    }
+
+    /// Forgets what frames showed: the next one is the first of its cycle.
+    pub fn forget_history(&mut self) {
+        self.step = 0;
+        if let Some(history) = &mut self.history {
+            history.shown = None;
         }
     }
 
@@ -370,6 +394,7 @@ impl Renderer {
         reduction: &Reduction,
         view_mask: u32,
         layer: Option<usize>,
+        frame_set: vk::DescriptorSet,
     ) -> Result<(), GpuError> {
         let DrawRequest { target, config, .. } = *request;
         let keeps = temporal(config, &reduction.resolution);
@@ -436,17 +461,21 @@ impl Renderer {
         let commands = self.slots[slot].commands;
         let graphics = vk::PipelineBindPoint::GRAPHICS;
         let push_stages = self.passes.push_stages();
-        // SAFETY: every handle is alive until the frame is done; set 0 has stayed bound since the splats were drawn.
+        // SAFETY: every handle is alive until the frame is done.
         unsafe {
             device.cmd_begin_render_pass(commands, &begin, vk::SubpassContents::INLINE);
             device.cmd_set_viewport(commands, 0, &[viewport]);
             device.cmd_set_scissor(commands, 0, &[area]);
+            device.cmd_bind_descriptor_sets(commands, graphics, layout, 0, &[frame_set], &[]);
             device.cmd_bind_descriptor_sets(commands, graphics, layout, 3, &[set], &[]);
             device.cmd_bind_pipeline(commands, graphics, pipeline);
             device.cmd_push_constants(commands, layout, push_stages, 0, bytemuck::cast_slice(&push));
             device.cmd_draw(commands, 3, 1, 0, 0);
             device.cmd_end_render_pass(commands);
         }
+        let report = &mut self.slots[slot].report;
+        report.draws += 1;
+        report.passes += 1;
         Ok(())
     }
 }
