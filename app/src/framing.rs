@@ -8,9 +8,9 @@ use motes_scenes::settings::Settings;
 /// The dense part of a scene, in scene axes and units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Framing {
-    /// Its middle: the median of the means, per axis.
+    /// Its middle: per axis, half-way between what a twentieth of the means lies below and above.
     pub center: DVec3,
-    /// The distance from there within which 70 % of the splats lie; positive.
+    /// The distance from there within which most splats lie; positive.
     pub radius: f64,
     /// Upwards, of length 1.
     pub up: DVec3,
@@ -32,9 +32,14 @@ impl Framing {
             if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(at, f64::total_cmp).1 }
         };
         let mean = |i: &usize| DVec3::from_array(splats.mean_of(*i));
-        let axis = |k: usize| middle(indices.iter().map(|i| mean(i)[k]).collect(), 0.5);
+        let axis = |k: usize| {
+            let at = |share| middle(indices.iter().map(|i| mean(i)[k]).collect(), share);
+            0.5 * (at(0.05) + at(0.95))
+        };
         let center = DVec3::new(axis(0), axis(1), axis(2));
-        let radius = middle(indices.iter().map(|i| mean(i).distance(center)).collect(), 0.7);
+        let within = |share| middle(indices.iter().map(|i| mean(i).distance(center)).collect(), share);
+        // A thing on its own is shown whole; of a scene with much around it, its middle.
+        let radius = within(0.95).min(2.0 * within(0.5));
         Self { center, radius: if radius > 0.0 { radius } else { 1.0 }, up }
     }
 
@@ -43,7 +48,7 @@ impl Framing {
     pub fn eye(&self, turn: f64, lift: f64, vertical_fov: f64) -> DVec3 {
         let (ahead, aside) = self.horizontal();
         let direction = (ahead * turn.cos() + aside * turn.sin()) * lift.cos() + self.up * lift.sin();
-        self.center + direction * (1.25 * self.radius / (vertical_fov / 2.0).sin())
+        self.center + direction * (1.2 * self.radius / (vertical_fov / 2.0).sin())
     }
 
     /// A view from such an eye to the middle.
@@ -87,7 +92,7 @@ mod tests {
                 p.z > 0.0 && x > view.fov.left && x < view.fov.right && y > view.fov.up && y < view.fov.down
             });
             let share = inside.count() as f64 / splats.len() as f64;
-            assert!(share > 0.65, "{share} from {turn}");
+            assert!(share > 0.8, "{share} from {turn}");
             // Up is up: y points down in an eye's axes.
             assert!((view.rotation * framing.up).y < -0.5);
         }
