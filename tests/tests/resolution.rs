@@ -102,7 +102,7 @@ fn samples_are_pixels_of_full_resolution() {
             // A diamond cuts its splats' rims, and grown ones cut less.
             if shape != QuadShape::Diamond {
                 let composite = Composite::FrontToBack;
-                check(RenderConfig { projection, shape, composite, ..reduced(0.7071, Upscale::Interleaved) });
+                check(RenderConfig { projection, shape, composite, ..reduced(0.707, Upscale::Interleaved) });
             }
         }
     }
@@ -112,7 +112,7 @@ fn samples_are_pixels_of_full_resolution() {
     }
     for expansion in [Expansion::Instanced, Expansion::Geometry] {
         let composite = Composite::BackToFront;
-        check(RenderConfig { expansion, composite, ..reduced(0.7071, Upscale::Interleaved) });
+        check(RenderConfig { expansion, composite, ..reduced(0.707, Upscale::Interleaved) });
     }
 }
 
