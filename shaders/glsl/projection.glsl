@@ -9,6 +9,7 @@
 #ifndef PROJECTION_GLSL
 #define PROJECTION_GLSL
 #include "scene.glsl"
+#include "naive.glsl"
 
 struct Ellipse {
     vec3 m;        // the plane's point at the ellipse's centre
@@ -190,16 +191,26 @@ Ellipse project_splat(Splat s, ViewData view) {
     }
     if (!(e.opacity >= MIN_ALPHA)) return e;
 
-    // Axes by the half angle: never 0/0, not even for a round splat.
-    float half_difference = 0.5 * (covariance.x - covariance.z);
-    float r = length(vec2(half_difference, covariance.y));
-    float lambda1 = 0.5 * (covariance.x + covariance.z) + r;
-    if (!(lambda1 > 0.0)) return e;
-    float c2 = r > 0.0 ? half_difference / r : 1.0;
-    vec2 direction = vec2(sqrt(max(0.0, 0.5 + 0.5 * c2)), sqrt(max(0.0, 0.5 - 0.5 * c2)));
-    direction.y = covariance.y < 0.0 ? -direction.y : direction.y;
-    float sigma1 = sqrt(lambda1);
-    float sigma2 = min(sqrt(det) / sigma1, sigma1);
+    vec2 direction;
+    float sigma1, sigma2;
+    if (PRECISION == PRECISION_F16_NAIVE && affine) {
+        vec4 axes = naive_axes(s, mean, eye, view);
+        if (!(axes.z > 0.0)) return e;
+        direction = axes.xy;
+        sigma1 = axes.z;
+        sigma2 = axes.w;
+    } else {
+        // Axes by the half angle: never 0/0, not even for a round splat.
+        float half_difference = 0.5 * (covariance.x - covariance.z);
+        float r = length(vec2(half_difference, covariance.y));
+        float lambda1 = 0.5 * (covariance.x + covariance.z) + r;
+        if (!(lambda1 > 0.0)) return e;
+        float c2 = r > 0.0 ? half_difference / r : 1.0;
+        direction = vec2(sqrt(max(0.0, 0.5 + 0.5 * c2)), sqrt(max(0.0, 0.5 - 0.5 * c2)));
+        direction.y = covariance.y < 0.0 ? -direction.y : direction.y;
+        sigma1 = sqrt(lambda1);
+        sigma2 = min(sqrt(det) / sigma1, sigma1);
+    }
     float k = polygon_radius(e.opacity);
 
     float focal = sqrt(view.image.x * view.image.y);
