@@ -177,7 +177,7 @@ axis!(
         F32 = "f32",
         /// 16-bit attributes done right: f32 means, compact rotation and log-scale, f32 arithmetic.
         F16 = "f16",
-        /// Everything in half floats, covariance too: shows the Quest report's halo.
+        /// Everything in half floats, in the affine projection the covariance too: shows the Quest report's halo.
         F16Naive = "f16-naive",
     }
 );
@@ -363,6 +363,12 @@ impl RenderConfig {
         }
         if !in_range(self.resolution_scale, 0.5, 1.0) {
             return refuse(format!("resolution-scale must be 0.5 to 1, not {}", self.resolution_scale));
+        }
+        if self.target == TargetFormat::Rgb10A2 && self.composite != Composite::BackToFront {
+            return refuse(format!(
+                "target rgb10a2 has 2 bits of opacity, which composite {} reads back; choose back-to-front, rgba8 or rgba16f",
+                self.composite
+            ));
         }
         if !in_range(self.sharpen, 0.0, 1.0) {
             return refuse(format!("sharpen must be 0 to 1, not {}", self.sharpen));

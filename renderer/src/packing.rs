@@ -166,11 +166,15 @@ impl Packing {
     }
 
     /// Writes the motion of splats `first ..` into `words`; nothing for a static scene.
-    pub fn motion(splats: &Splats, first: usize, words: &mut [u32]) {
+    ///
+    /// Compact rotations are stored with their largest component positive: where that turned one into its negative, which
+    /// is the same rotation, the rate of change that is added to it must turn with it.
+    pub fn motion(&self, splats: &Splats, first: usize, words: &mut [u32]) {
         let Some(motion) = &splats.motion else { return };
         for (i, out) in (first..).zip(words.chunks_exact_mut(MOTION_WORDS as usize)) {
             let p = motion.polynomials[i];
-            let omega = motion.omegas[i];
+            let turned = self.precision == Precision::F16 && turns_sign(splats.rotations[i]);
+            let omega = motion.omegas[i].map(|w| if turned { -w } else { w });
             let values = [
                 motion.centers[i],
                 1.0 / motion.widths[i],
@@ -211,11 +215,20 @@ pub fn unpack_log_scale(bits: u32) -> f32 {
     low + bits as f32 * ((high - low) / 65535.0)
 }
 
+fn largest_component(q: [f32; 4]) -> usize {
+    (0..4).fold(0, |best, i| if q[i].abs() > q[best].abs() { i } else { best })
+}
+
+/// Whether [`pack_rotation`] stores the negative of a quaternion.
+fn turns_sign(q: [f32; 4]) -> bool {
+    q[largest_component(q)] < 0.0
+}
+
 /// The smallest three components of a unit quaternion `(x, y, z, w)`, 15 bits each, and which one is the largest:
 /// 47 bits as (32, 15). The angle is right within 10⁻⁴ rad.
 pub fn pack_rotation(q: [f32; 4]) -> (u32, u32) {
-    let largest = (0..4).fold(0, |best, i| if q[i].abs() > q[best].abs() { i } else { best });
-    let sign = if q[largest] < 0.0 { -1.0 } else { 1.0 };
+    let largest = largest_component(q);
+    let sign = if turns_sign(q) { -1.0 } else { 1.0 };
     let mut bits = [0u32; 3];
     for (b, i) in bits.iter_mut().zip((0..4).filter(|&i| i != largest)) {
         let unit = (sign * q[i] * std::f32::consts::SQRT_2).clamp(-1.0, 1.0) * 0.5 + 0.5;

@@ -70,7 +70,7 @@ impl SceneOnDevice {
             })?;
         let motion_words = if splats.motion.is_some() { MOTION_WORDS as usize } else { 0 };
         let motion = stream("motion", motion_words, MOTION_SLOTS, Some(MOTION_SHIFT), &|first, words| {
-            Packing::motion(splats, first, words);
+            packing.motion(splats, first, words);
         })?;
         Ok(Self {
             splats: splats.len() as u32,

@@ -4,7 +4,15 @@
 #define NAIVE_GLSL
 #include "scene.glsl"
 
-float half_of(float x) { return unpackHalf2x16(packHalf2x16(vec2(x, 0.0))).x; }
+// The nearest half float (IEEE 754 binary16, ties to even). By integers: a compiler takes packing and unpacking for
+// nothing done, and devices differ in what they round beyond 65504 to.
+float half_of(float x) {
+    uint bits = floatBitsToUint(x);
+    uint magnitude = bits & 0x7fffffffu;
+    if (magnitude >= 0x477ff000u) return magnitude > 0x7f800000u ? x : uintBitsToFloat((bits & 0x80000000u) | 0x7f800000u);
+    if (magnitude < 0x38800000u) return roundEven(x * 16777216.0) / 16777216.0; // subnormal
+    return uintBitsToFloat((bits + 0xfffu + ((bits >> 13) & 1u)) & 0xffffe000u);
+}
 vec3 half_of(vec3 v) { return vec3(half_of(v.x), half_of(v.y), half_of(v.z)); }
 float half_dot(vec3 a, vec3 b) {
     return half_of(half_of(half_of(a.x * b.x) + half_of(a.y * b.y)) + half_of(a.z * b.z));

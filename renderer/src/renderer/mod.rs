@@ -210,6 +210,11 @@ impl Renderer {
                 device.reset_descriptor_pool(slot.descriptors, vk::DescriptorPoolResetFlags::empty()),
                 "vkResetDescriptorPool",
             )?;
+            // A frame that was refused half way is still being recorded.
+            call(
+                device.reset_command_buffer(slot.commands, vk::CommandBufferResetFlags::empty()),
+                "vkResetCommandBuffer",
+            )?;
             call(device.begin_command_buffer(slot.commands, &begin), "vkBeginCommandBuffer")?;
         }
         slot.queries.reset(slot.commands);
