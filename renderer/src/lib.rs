@@ -10,6 +10,7 @@ pub mod order;
 pub mod packing;
 mod passes;
 pub mod projection;
+pub mod projection_error;
 pub mod reference;
 mod renderer;
 mod report;
