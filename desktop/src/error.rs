@@ -38,6 +38,9 @@ pub enum CommandError {
     /// Arguments that do not fit together, or a name that does not exist.
     #[error("{0}")]
     Usage(String),
+    /// A bench.
+    #[error(transparent)]
+    Bench(#[from] crate::bench::BenchError),
     /// What was printed could not be written.
     #[error("cannot print: {0}")]
     Print(std::io::Error),

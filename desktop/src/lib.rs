@@ -1,5 +1,6 @@
 //! The `motes` command's parts, shared with the tests.
 
+pub mod bench;
 pub mod commands;
 pub mod config_args;
 pub mod error;

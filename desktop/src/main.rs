@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use motes_desktop::commands::{compare, golden, info, render};
+use motes_desktop::commands::{bench, compare, golden, info, render};
 
 /// Viewer for 3-D and 4-D Gaussian splatting scenes.
 #[derive(Parser)]
@@ -18,6 +18,7 @@ enum Command {
     Info(info::InfoArgs),
     Render(render::RenderArgs),
     Compare(compare::CompareArgs),
+    Bench(bench::BenchArgs),
     Golden(golden::GoldenArgs),
 }
 
@@ -27,6 +28,7 @@ fn main() -> ExitCode {
         Command::Info(args) => info::run(&args).map_err(|e| e.to_string()),
         Command::Render(args) => render::run(&args).map_err(|e| e.to_string()),
         Command::Compare(args) => compare::run(&args).map_err(|e| e.to_string()),
+        Command::Bench(args) => bench::run(&args).map_err(|e| e.to_string()),
         Command::Golden(args) => golden::run(&args).map_err(|e| e.to_string()),
     };
     match result {

@@ -11,7 +11,7 @@ pub const DEFAULT_PIXELS_PER_DEGREE: f32 = 3840.0 * std::f32::consts::PI / 180.0
 pub const PIXELS_PER_DEGREE: RangeInclusive<f32> = 1.0..=500.0;
 
 /// FLIP errors of a picture, pooled as its own tool does.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Flip {
     /// Mean error, the authors' choice where one number must do.
     pub mean: f64,

@@ -16,7 +16,7 @@ pub fn psnr(mean_squared_error: f64) -> f64 {
 }
 
 /// Where two pictures differ most.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Worst {
     /// Column of the pixel.
     pub x: u32,
