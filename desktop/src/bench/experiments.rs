@@ -99,10 +99,14 @@ pub const EXPERIMENTS: &[Experiment] = &[
     Experiment {
         name: "shape",
         title: "The polygon that covers a splat",
-        question: "A square over a splat's ellipse is mostly empty in its corners. A diamond halves its area and cuts \
-                   the rims; an octagon cuts nothing that shows.",
+        question: "A square over a splat's ellipse is mostly empty in its corners. A diamond halves its \
+                   area and cuts the rims; an octagon cuts nothing that shows.",
         source: "002, section 5.1.2",
-        sweep: Sweep { base: "quest-report", axes: &[("shape", &["diamond", "octagon", "axis-aligned"])], points: &[] },
+        sweep: Sweep {
+            base: "quest-report",
+            axes: &[("shape", &["diamond", "octagon", "axis-aligned"])],
+            points: &[],
+        },
         rows: &[
             against("fragments, diamond / square", "0.50", Quantity::Layers, DIAMOND, BASE),
             against("fragments, octagon / square", "", Quantity::Layers, OCTAGON, BASE),
@@ -114,21 +118,32 @@ pub const EXPERIMENTS: &[Experiment] = &[
                 BASE,
             ),
             against("frame rate of this device, diamond / square", "", Quantity::DeviceRate, DIAMOND, BASE),
-            against("FLIP between diamond and square", "shown as a map without figures", Quantity::Flip, DIAMOND, BASE),
+            against(
+                "FLIP between diamond and square",
+                "shown as a map without figures",
+                Quantity::Flip,
+                DIAMOND,
+                BASE,
+            ),
             against("FLIP between octagon and square", "", Quantity::Flip, OCTAGON, BASE),
         ],
-        why: "A diamond's fragments are half of a square's by geometry; what deviates from 0.50 is small polygons, whose \
-              pixels a rasteriser counts by their centres, and polygons that the image's rim cuts. How much frame rate \
-              follows depends on the share of the fragment stage: 75 % in the report's profile, another here, where \
-              the processor draws.",
+        why: "A diamond's fragments are half of a square's by geometry; what deviates from 0.50 is small \
+               polygons, whose pixels a rasteriser counts by their centres, and polygons that the \
+              image's rim cuts. How much frame rate follows depends on the share of the fragment stage: \
+              75 % in the report's profile, another here, where the processor draws.",
     },
     Experiment {
         name: "expansion",
         title: "Where a splat becomes a polygon",
-        question: "The report replaced its geometry stage by instanced quads, as a vendor advises, and lost speed. A \
-                   compute pass that projects once and writes compact records removes both causes it names.",
+        question: "The report replaced its geometry stage by instanced quads, as a vendor advises, and \
+                   lost speed. A compute pass that projects once and writes compact records removes both \
+                    causes it names.",
         source: "002, section 5.1.1",
-        sweep: Sweep { base: "quest-report", axes: &[("expansion", &["instanced", "precomputed"])], points: &[] },
+        sweep: Sweep {
+            base: "quest-report",
+            axes: &[("expansion", &["instanced", "precomputed"])],
+            points: &[],
+        },
         rows: &[
             against(
                 "frame rate of this device, instanced / geometry",
@@ -137,20 +152,27 @@ pub const EXPERIMENTS: &[Experiment] = &[
                 INSTANCED,
                 BASE,
             ),
-            against("frame rate of this device, precomputed / geometry", "", Quantity::DeviceRate, PRECOMPUTED, BASE),
+            against(
+                "frame rate of this device, precomputed / geometry",
+                "",
+                Quantity::DeviceRate,
+                PRECOMPUTED,
+                BASE,
+            ),
             against("vertex invocations, instanced / geometry", "4", Quantity::Vertices, INSTANCED, BASE),
             against("vertex invocations, precomputed / geometry", "", Quantity::Vertices, PRECOMPUTED, BASE),
             against("FLIP between instanced and geometry", "", Quantity::Flip, INSTANCED, BASE),
         ],
-        why: "All three draw the same polygons, so pictures agree. An instanced quad projects at each of its corners; \
-              the precomputed form projects once and culls before any vertex runs. On a tile-based device the geometry \
-              stage also writes what it expands to memory, which a processor's driver does not show.",
+        why: "All three draw the same polygons, so pictures agree. An instanced quad projects at each of \
+               its corners; the precomputed form projects once and culls before any vertex runs. On a \
+              tile-based device the geometry stage also writes what it expands to memory, which a \
+              processor's driver does not show.",
     },
     Experiment {
         name: "resolution",
         title: "Fewer pixels, and the way back to full size",
-        question: "Drawing fewer pixels and stretching them bilinearly, against interleaved sampling, whose pixels each \
-                   look at another point of the full-size grid.",
+        question: "Drawing fewer pixels and stretching them bilinearly, against interleaved sampling, \
+                   whose pixels each look at another point of the full-size grid.",
         source: "002, section 5.1.3, tables 1 and 2",
         sweep: Sweep {
             base: "default",
@@ -173,26 +195,55 @@ pub const EXPERIMENTS: &[Experiment] = &[
             ],
         },
         rows: &[
-            against("frame rate of this device, bilinear at 70 % / full", "1.23 (desktop)", Quantity::DeviceRate, B70, BILINEAR),
-            against("frame rate of this device, interleaved at 70 % / full", "1.20 (desktop)", Quantity::DeviceRate, I70, BASE),
-            against("frame rate of this device, bilinear at 50 % / full", "1.41 (desktop)", Quantity::DeviceRate, B50, BILINEAR),
-            against("frame rate of this device, interleaved at 50 % / full", "1.35 (desktop)", Quantity::DeviceRate, I50, BASE),
+            against(
+                "frame rate of this device, bilinear at 70 % / full",
+                "1.23 (desktop)",
+                Quantity::DeviceRate,
+                B70,
+                BILINEAR,
+            ),
+            against(
+                "frame rate of this device, interleaved at 70 % / full",
+                "1.20 (desktop)",
+                Quantity::DeviceRate,
+                I70,
+                BASE,
+            ),
+            against(
+                "frame rate of this device, bilinear at 50 % / full",
+                "1.41 (desktop)",
+                Quantity::DeviceRate,
+                B50,
+                BILINEAR,
+            ),
+            against(
+                "frame rate of this device, interleaved at 50 % / full",
+                "1.35 (desktop)",
+                Quantity::DeviceRate,
+                I50,
+                BASE,
+            ),
             against("fragments, bilinear at 70 % / full", "", Quantity::Layers, B70, BILINEAR),
             against("FLIP between bilinear at 70 % and full", "0.065450", Quantity::Flip, B70, BILINEAR),
             against("FLIP between interleaved at 70 % and full", "0.084911", Quantity::Flip, I70, BASE),
         ],
-        why: "The report's desktop was bound by more than fragments, so its gains stay below those of the pixel counts (2.0 \
-              at 70 %). Its interleaved pictures were stretched bilinearly as if their samples lay on a regular grid, \
-              which smears what the pattern had kept; ours are reconstructed from where the samples really lie. Its \
-              pictures were of a garden at headset size, with foliage everywhere: higher errors for every method.",
+        why: "The report's desktop was bound by more than fragments, so its gains stay below those of \
+              the pixel counts (2.0 at 70 %). Its interleaved pictures were stretched bilinearly as if \
+              their samples lay on a regular grid, which smears what the pattern had kept; ours are \
+              reconstructed from where the samples really lie. Its pictures were of a garden at headset \
+              size, with foliage everywhere: higher errors for every method.",
     },
     Experiment {
         name: "half-floats",
         title: "Half floats, and the halo",
-        question: "Sixteen bits for everything, covariance too, broke the report's pictures; sixteen bits where they suffice \
-                   do not.",
+        question: "Sixteen bits for everything, covariance too, broke the report's pictures; sixteen \
+                   bits where they suffice do not.",
         source: "002, section 5.1.4, figures 15 and 16",
-        sweep: Sweep { base: "quest-report", axes: &[], points: &[HALF, NAIVE, &[("precision", "f16"), ("sh-precision", "u8")]] },
+        sweep: Sweep {
+            base: "quest-report",
+            axes: &[],
+            points: &[HALF, NAIVE, &[("precision", "f16"), ("sh-precision", "u8")]],
+        },
         rows: &[
             against(
                 "frame rate of this device, all half / f32",
@@ -203,21 +254,32 @@ pub const EXPERIMENTS: &[Experiment] = &[
             ),
             against("bytes of the scene, all half / f32", "0.5", Quantity::SceneBytes, NAIVE, BASE),
             against("bytes of the scene, half done right / f32", "", Quantity::SceneBytes, HALF, BASE),
-            against("FLIP between all half and f32", "a halo over the middle (no figure)", Quantity::Flip, NAIVE, BASE),
+            against(
+                "FLIP between all half and f32",
+                "a halo over the middle (no figure)",
+                Quantity::Flip,
+                NAIVE,
+                BASE,
+            ),
             against("FLIP between half done right and f32", "", Quantity::Flip, HALF, BASE),
             row("worst pixel of all half, 0 to 1", "", Quantity::Worst, NAIVE),
         ],
-        why: "How far half floats break a picture depends on the scene: positions far from the origin and covariances of \
-              small splats fall below what eleven bits tell apart. A scene of a metre around its origin shows less than \
-              the report's garden. The frame rate here says little: a processor converts half floats at a cost.",
+        why: "How far half floats break a picture depends on the scene: positions far from the origin \
+              and covariances of small splats fall below what eleven bits tell apart. A scene of a metre \
+               around its origin shows less than the report's garden. The frame rate here says little: a \
+               processor converts half floats at a cost.",
     },
     Experiment {
         name: "opacity-threshold",
         title: "Leaving out faint splats",
-        question: "Without its splats of less than 10 % opacity the report's garden had holes, from which it concluded that \
-                   the scene was full of faint splats.",
+        question: "Without its splats of less than 10 % opacity the report's garden had holes, from \
+                   which it concluded that the scene was full of faint splats.",
         source: "002, section 5.2, figure 17",
-        sweep: Sweep { base: "quest-report", axes: &[("min-opacity", &["0.01", "0.02", "0.05", "0.1", "0.2"])], points: &[] },
+        sweep: Sweep {
+            base: "quest-report",
+            axes: &[("min-opacity", &["0.01", "0.02", "0.05", "0.1", "0.2"])],
+            points: &[],
+        },
         rows: &[
             against("splats drawn, at least 10 % opaque / all", "", Quantity::Layers, OPAQUE, BASE),
             row("FLIP at 10 %", "holes (figure 17, no figure)", Quantity::Flip, OPAQUE),
@@ -225,18 +287,24 @@ pub const EXPERIMENTS: &[Experiment] = &[
             row("FLIP at 5 %", "", Quantity::Flip, &[("min-opacity", "0.05")]),
             row("FLIP at 1 %", "", Quantity::Flip, &[("min-opacity", "0.01")]),
         ],
-        why: "How much a threshold costs is a property of the scene. (The first row compares fragments, which is what the \
-              device is relieved of.) Scenes that were pruned after training lose less.",
+        why: "How much a threshold costs is a property of the scene. (The first row compares fragments, \
+              which is what the device is relieved of.) Scenes that were pruned after training lose \
+              less.",
     },
     Experiment {
         name: "layers",
         title: "How many splats lie over a pixel",
-        question: "The report found “several thousand” splats over some pixels of its garden, and far fewer in a scene that \
-                   was trained to need fewer. The maps below and the table of scenes above show ours.",
+        question: "The report found “several thousand” splats over some pixels of its garden, and far \
+                   fewer in a scene that was trained to need fewer. The maps below and the table of \
+                   scenes above show ours.",
         source: "002, section 5.2.1, figure 20",
         sweep: Sweep {
             base: "default",
-            axes: &[("composite", &["front-to-back", "early-stop"]), ("shape", &["square"]), ("radius", &["sqrt8"])],
+            axes: &[
+                ("composite", &["front-to-back", "early-stop"]),
+                ("shape", &["square"]),
+                ("radius", &["sqrt8"]),
+            ],
             points: &[],
         },
         rows: &[
@@ -248,14 +316,16 @@ pub const EXPERIMENTS: &[Experiment] = &[
             ),
             row("fragments per pixel, with early stop", "", Quantity::Layers, BASE),
         ],
-        why: "Our scenes are objects on a black ground, and pictures of 640 × 480: the ground has no layers, and a splat of a \
-              few pixels covers more of them at a headset's size. Figure 20 has no scale that can be read.",
+        why: "Our scenes are objects on a black ground, and pictures of 640 × 480: the ground has no \
+              layers, and a splat of a few pixels covers more of them at a headset's size. Figure 20 has \
+               no scale that can be read.",
     },
     Experiment {
         name: "early-stop",
         title: "Stopping where a pixel is opaque",
-        question: "The report wanted to stop blending where nothing shows through any more, and did not build it. Here \
-                   splats are drawn front to back in batches, and pixels that are opaque are closed between them.",
+        question: "The report wanted to stop blending where nothing shows through any more, and did not \
+                   build it. Here splats are drawn front to back in batches, and pixels that are opaque \
+                   are closed between them.",
         source: "002, section 5.1.4; VR-Pipe (HPCA 2025)",
         sweep: Sweep {
             base: "default",
@@ -274,7 +344,13 @@ pub const EXPERIMENTS: &[Experiment] = &[
                 BASE,
                 &[("composite", "front-to-back")],
             ),
-            against("fragments, early stop / every layer", "", Quantity::Layers, BASE, &[("composite", "front-to-back")]),
+            against(
+                "fragments, early stop / every layer",
+                "",
+                Quantity::Layers,
+                BASE,
+                &[("composite", "front-to-back")],
+            ),
             against(
                 "frame rate of this device, stop below 5 % / every layer",
                 "",
@@ -282,7 +358,13 @@ pub const EXPERIMENTS: &[Experiment] = &[
                 &[("stop-below", "0.05")],
                 &[("composite", "front-to-back")],
             ),
-            against("FLIP between early stop and every layer", "", Quantity::Flip, BASE, &[("composite", "front-to-back")]),
+            against(
+                "FLIP between early stop and every layer",
+                "",
+                Quantity::Flip,
+                BASE,
+                &[("composite", "front-to-back")],
+            ),
             against(
                 "FLIP between stop below 5 % and every layer",
                 "",
@@ -291,14 +373,16 @@ pub const EXPERIMENTS: &[Experiment] = &[
                 &[("composite", "front-to-back")],
             ),
         ],
-        why: "The gain is what lies behind opaque pixels: much indoors and in gardens, little for one object on an empty \
-              ground. Marks cost a full-screen pass a batch, which a small picture feels most.",
+        why: "The gain is what lies behind opaque pixels: much indoors and in gardens, little for one \
+              object on an empty ground. Marks cost a full-screen pass a batch, which a small picture \
+              feels most.",
     },
     Experiment {
         name: "projection",
         title: "Projection, by angle from the middle of the view",
-        question: "The classic projection linearises every splat on one plane and errs towards the rim. The optimal one \
-                   takes each splat's own tangent plane; the exact one asks along every pixel's ray.",
+        question: "The classic projection linearises every splat on one plane and errs towards the rim. \
+                   The optimal one takes each splat's own tangent plane; the exact one asks along every \
+                   pixel's ray.",
         source: "003, equation 16, figure 2, section 5",
         sweep: Sweep {
             base: "default",
@@ -318,15 +402,16 @@ pub const EXPERIMENTS: &[Experiment] = &[
             ),
             against("frame rate of this device, exact / affine", "", Quantity::DeviceRate, EXACT, AFFINE),
         ],
-        why: "003 measures against photographs with scenes trained for each projection (+0.25 dB on average); ours measures \
-              against the exact projection of the same scene, which isolates the projection itself. Scenes here were trained \
-              with the affine one, so they look as their trainer saw them only under it.",
+        why: "003 measures against photographs with scenes trained for each projection (+0.25 dB on \
+              average); ours measures against the exact projection of the same scene, which isolates the \
+               projection itself. Scenes here were trained with the affine one, so they look as their \
+              trainer saw them only under it.",
     },
     Experiment {
         name: "sort",
         title: "The order: key, bits, age, who sorts",
-        question: "An order that is some frames old, a shorter key, or no order at all: what does it do to the picture? The \
-                   head moves sideways at 0.5 m/s, at 72 frames a second.",
+        question: "An order that is some frames old, a shorter key, or no order at all: what does it do \
+                   to the picture? The head moves sideways at 0.5 m/s, at 72 frames a second.",
         source: "002, section 4 (sorts anew when the camera has moved far; no figures)",
         sweep: Sweep {
             base: "default",
@@ -340,8 +425,20 @@ pub const EXPERIMENTS: &[Experiment] = &[
         },
         rows: &[
             row("FLIP of a new order", "", Quantity::Flip, BASE),
-            against("FLIP between an order of 9 frames ago and a new one", "", Quantity::Flip, &[("sort-interval", "10")], BASE),
-            against("FLIP between an order of 59 frames ago and a new one", "", Quantity::Flip, &[("sort-interval", "60")], BASE),
+            against(
+                "FLIP between an order of 9 frames ago and a new one",
+                "",
+                Quantity::Flip,
+                &[("sort-interval", "10")],
+                BASE,
+            ),
+            against(
+                "FLIP between an order of 59 frames ago and a new one",
+                "",
+                Quantity::Flip,
+                &[("sort-interval", "60")],
+                BASE,
+            ),
             against("FLIP between 16-bit and 32-bit keys", "", Quantity::Flip, &[("key-bits", "16")], BASE),
             against("FLIP between depth and radial order", "", Quantity::Flip, &[("order", "depth")], BASE),
             row("sorting on the processor, ms", "", Quantity::SortTime, BASE),
@@ -351,36 +448,70 @@ pub const EXPERIMENTS: &[Experiment] = &[
     Experiment {
         name: "sh-degree",
         title: "Degree and storage of spherical harmonics",
-        question: "Colours that change with the direction of view take most of a scene's memory. How much of the picture is \
-                   in them?",
+        question: "Colours that change with the direction of view take most of a scene's memory. How \
+                   much of the picture is in them?",
         source: "",
-        sweep: Sweep { base: "default", axes: &[("sh-degree", &["0", "1", "2"]), ("sh-precision", &["f16", "u8"])], points: &[] },
+        sweep: Sweep {
+            base: "default",
+            axes: &[("sh-degree", &["0", "1", "2"]), ("sh-precision", &["f16", "u8"])],
+            points: &[],
+        },
         rows: &[
             row("FLIP at degree 0", "", Quantity::Flip, &[("sh-degree", "0")]),
             row("FLIP at degree 1", "", Quantity::Flip, &[("sh-degree", "1")]),
             row("FLIP at degree 3", "", Quantity::Flip, BASE),
             against("FLIP between 8 bits and f32", "", Quantity::Flip, &[("sh-precision", "u8")], BASE),
-            against("bytes of the scene, 8 bits / f32", "", Quantity::SceneBytes, &[("sh-precision", "u8")], BASE),
-            against("bytes of the scene, degree 0 / 3", "", Quantity::SceneBytes, &[("sh-degree", "0")], BASE),
+            against(
+                "bytes of the scene, 8 bits / f32",
+                "",
+                Quantity::SceneBytes,
+                &[("sh-precision", "u8")],
+                BASE,
+            ),
+            against(
+                "bytes of the scene, degree 0 / 3",
+                "",
+                Quantity::SceneBytes,
+                &[("sh-degree", "0")],
+                BASE,
+            ),
         ],
-        why: "Nothing to compare with was published in these texts. Scenes without spherical harmonics show no difference.",
+        why: "Nothing to compare with was published in these texts. Scenes without spherical harmonics \
+              show no difference.",
     },
     Experiment {
         name: "target",
         title: "Format of the image that splats are blended into",
         question: "Eight bits a channel round after every layer; sixteen hardly ever.",
         source: "",
-        sweep: Sweep { base: "default", axes: &[("target", &["rgba8", "rgb10a2"])], points: &[] },
+        sweep: Sweep { base: "default", axes: &[("target-format", &["rgba8", "rgb10a2"])], points: &[] },
         rows: &[
-            against("FLIP between 8 bits and 16-bit floats", "", Quantity::Flip, &[("target", "rgba8")], BASE),
-            against("FLIP between 10 bits and 16-bit floats", "", Quantity::Flip, &[("target", "rgb10a2")], BASE),
-            against("frame rate of this device, 8 bits / 16-bit floats", "", Quantity::DeviceRate, &[("target", "rgba8")], BASE),
+            against(
+                "FLIP between 8 bits and 16-bit floats",
+                "",
+                Quantity::Flip,
+                &[("target-format", "rgba8")],
+                BASE,
+            ),
+            against(
+                "FLIP between 10 bits and 16-bit floats",
+                "",
+                Quantity::Flip,
+                &[("target-format", "rgb10a2")],
+                BASE,
+            ),
+            against(
+                "frame rate of this device, 8 bits / 16-bit floats",
+                "",
+                Quantity::DeviceRate,
+                &[("target-format", "rgba8")],
+                BASE,
+            ),
         ],
-        why: "Nothing to compare with was published in these texts. On a tile-based device the format decides how many \
-              tiles a frame takes, which a processor does not show.",
+        why: "Nothing to compare with was published in these texts. On a tile-based device the format \
+              decides how many tiles a frame takes, which a processor does not show.",
     },
 ];
-
 
 #[cfg(test)]
 mod tests {

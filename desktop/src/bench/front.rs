@@ -3,7 +3,8 @@
 /// Indices of the points (error, cost) that no other point beats in one without losing in the other, from the least
 /// error up. Of equal points the first counts. Points with NaN are never among them.
 pub fn pareto(points: &[(f64, f64)]) -> Vec<usize> {
-    let mut order: Vec<usize> = (0..points.len()).filter(|&i| !(points[i].0 + points[i].1).is_nan()).collect();
+    let mut order: Vec<usize> =
+        (0..points.len()).filter(|&i| !(points[i].0 + points[i].1).is_nan()).collect();
     order.sort_by(|&a, &b| points[a].0.total_cmp(&points[b].0).then(points[a].1.total_cmp(&points[b].1)));
     let mut best = f64::INFINITY;
     order.retain(|&i| {
@@ -55,11 +56,13 @@ mod tests {
 
     #[test]
     fn fronts_hold_what_nothing_beats() {
-        let points = [(0.0, 10.0), (0.1, 5.0), (0.1, 6.0), (0.2, 5.0), (0.3, 1.0), (0.05, 11.0), (f64::NAN, 0.0)];
+        let points =
+            [(0.0, 10.0), (0.1, 5.0), (0.1, 6.0), (0.2, 5.0), (0.3, 1.0), (0.05, 11.0), (f64::NAN, 0.0)];
         assert_eq!(pareto(&points), [0, 1, 4]);
         for i in pareto(&points) {
             for (j, p) in points.iter().enumerate() {
-                let beats = p.0 <= points[i].0 && p.1 <= points[i].1 && (p.0 < points[i].0 || p.1 < points[i].1);
+                let beats =
+                    p.0 <= points[i].0 && p.1 <= points[i].1 && (p.0 < points[i].0 || p.1 < points[i].1);
                 assert!(!beats, "{j} beats {i}");
             }
         }

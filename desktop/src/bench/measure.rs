@@ -15,8 +15,8 @@ use super::record::{
 use super::subject::Subject;
 use super::sweep::Point;
 use super::{BenchError, truth};
-use crate::shots::Shot;
 use crate::measure::{Picture, Settings, compare};
+use crate::shots::Shot;
 
 /// How fast the head moves sideways where an order is older than the frame, metres per second: leaning over.
 pub const HEAD_SPEED: f64 = 0.5;
@@ -51,10 +51,13 @@ pub struct Plan<'a> {
 pub fn run(plan: &Plan<'_>, gpu: &Arc<Gpu>, journal: &mut Journal) -> Result<(), BenchError> {
     journal.write(Line::Machine(Machine::here(&gpu.capabilities)))?;
     let steps = plan.subjects.iter().map(|s| (s.views.len() * (1 + points(plan, s).len())) as u64);
-    let frames = plan.subjects.iter().map(|s| {
-        (s.views.len() * points(plan, s).len()) as u64 * u64::from(plan.rounds)
-    });
-    let bar = if plan.progress { ProgressBar::new(steps.sum::<u64>() + frames.sum::<u64>()) } else { ProgressBar::hidden() };
+    let frames =
+        plan.subjects.iter().map(|s| (s.views.len() * points(plan, s).len()) as u64 * u64::from(plan.rounds));
+    let bar = if plan.progress {
+        ProgressBar::new(steps.sum::<u64>() + frames.sum::<u64>())
+    } else {
+        ProgressBar::hidden()
+    };
     if let Ok(style) = ProgressStyle::with_template("{bar:30} {percent:>3} % · {eta} left · {wide_msg}") {
         bar.set_style(style);
     }
@@ -115,7 +118,8 @@ impl SubjectBench<'_> {
             only: subject.only.map(str::to_owned),
         }))?;
         for (i, view) in subject.views.iter().enumerate() {
-            self.bar.set_message(format!("{}, {}: what pictures are measured against", subject.name, view.name));
+            self.bar
+                .set_message(format!("{}, {}: what pictures are measured against", subject.name, view.name));
             let truth = self.truth(view)?;
             self.bar.inc(1);
             for point in points {
@@ -185,7 +189,8 @@ impl SubjectBench<'_> {
         let behind = view.rotation.row(0) * (age * HEAD_SPEED);
         let then = View { eye: view.eye - behind, ..*view };
         let what = format!("{} {} {}", config.order, config.key_bits, config.time);
-        if config.sorter != Sorter::Cpu || self.sorted.as_ref().is_some_and(|(v, w)| *v == then && *w == what) {
+        if config.sorter != Sorter::Cpu || self.sorted.as_ref().is_some_and(|(v, w)| *v == then && *w == what)
+        {
             return None;
         }
         let start = Instant::now();
@@ -245,7 +250,8 @@ impl SubjectBench<'_> {
         let subject = self.subject;
         for view in &subject.views {
             for point in points {
-                self.bar.set_message(format!("{}, {}: round {round}, {}", subject.name, view.name, point.name));
+                self.bar
+                    .set_message(format!("{}, {}: round {round}, {}", subject.name, view.name, point.name));
                 let record = &self.journal.record;
                 let done = record.has_frame(&subject.name, &view.name, &point.name, round)
                     || record.is_refused(&subject.name, &point.name);
@@ -337,8 +343,9 @@ mod tests {
         let fov = Fov { left: -1.0, right: 1.0, up: -1.0, down: 1.0 };
         let view = View::look_at(DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, fov, [200, 200]);
         // An error in the middle only, and one everywhere.
-        let middle: Vec<f32> =
-            (0..40_000).map(|i| if (i % 200 - 100i32).abs() < 5 && (i / 200 - 100).abs() < 5 { 1.0 } else { 0.0 }).collect();
+        let middle: Vec<f32> = (0..40_000)
+            .map(|i| if (i % 200 - 100i32).abs() < 5 && (i / 200 - 100).abs() < 5 { 1.0 } else { 0.0 })
+            .collect();
         let found = rings(&view, &middle);
         assert!(found[0] > 0.05 && found[1..].iter().all(|v| *v == 0.0), "{found:?}");
         let everywhere = rings(&view, &vec![0.5; 40_000]);

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::record::{ErrorRecord, FrameRecord, Record};
 use super::{BenchError, front, sweep};
 
-/// FLIP errors that a picture is judged by: not seen when pictures take turns; hardly; seen when looked for.
+/// Mean FLIP errors that a picture is judged by, by convention: very close, close, rough.
 pub const LIMITS: [f64; 3] = [0.002, 0.01, 0.05];
 
 /// A median and its spread.
@@ -137,16 +137,20 @@ pub fn outcomes(record: &Record, rates: &StageRates) -> Result<Vec<Outcome>, Ben
     for scene in &record.scenes {
         for configuration in &record.configurations {
             let key = (scene.scene.as_str(), configuration.as_str());
-            let (Some(frames_here), Some(errors_here)) = (frames.get(&key), errors.get(&key)) else { continue };
+            let (Some(frames_here), Some(errors_here)) = (frames.get(&key), errors.get(&key)) else {
+                continue;
+            };
             let default = frames.get(&(key.0, "default")).map(Vec::as_slice).unwrap_or_default();
             let mut outcome = outcome(scene.splats, frames_here, errors_here, default, rates)?;
             let plain = errors.get(&(key.0, "default"));
             outcome.no_effect = configuration != "default"
                 && plain.is_some_and(|p| p.iter().map(|e| e.hash).eq(errors_here.iter().map(|e| e.hash)))
-                && outcomes.iter().find(|o| o.scene == key.0 && o.configuration == "default").is_some_and(|d| {
-                    (d.fragments, d.primitives, d.vertices, d.scene_bytes)
-                        == (outcome.fragments, outcome.primitives, outcome.vertices, outcome.scene_bytes)
-                });
+                && outcomes.iter().find(|o| o.scene == key.0 && o.configuration == "default").is_some_and(
+                    |d| {
+                        (d.fragments, d.primitives, d.vertices, d.scene_bytes)
+                            == (outcome.fragments, outcome.primitives, outcome.vertices, outcome.scene_bytes)
+                    },
+                );
             outcomes.push(outcome);
         }
     }
@@ -261,12 +265,7 @@ pub fn cheapest_within(outcomes: &[Outcome], scene: &str, limit: f64) -> Option<
 
 fn candidates(outcomes: &[Outcome], scene: &str) -> (Vec<usize>, Vec<(f64, f64)>) {
     let of_scene = |(_, o): &(usize, &Outcome)| o.scene == scene && is_candidate(o);
-    outcomes
-        .iter()
-        .enumerate()
-        .filter(of_scene)
-        .map(|(i, o)| (i, (o.flip, o.predicted.ms())))
-        .unzip()
+    outcomes.iter().enumerate().filter(of_scene).map(|(i, o)| (i, (o.flip, o.predicted.ms()))).unzip()
 }
 
 /// How two runs agree on the ranking of what they share.
@@ -295,7 +294,9 @@ pub fn agreement(a: &[Outcome], b: &[Outcome]) -> Vec<Agreement> {
         let pairs: Vec<(&Outcome, &Outcome)> = a
             .iter()
             .filter(|o| o.scene == scene)
-            .filter_map(|o| Some((o, b.iter().find(|p| p.scene == scene && p.configuration == o.configuration)?)))
+            .filter_map(|o| {
+                Some((o, b.iter().find(|p| p.scene == scene && p.configuration == o.configuration)?))
+            })
             .collect();
         if pairs.is_empty() {
             continue;
@@ -440,7 +441,8 @@ pub(super) mod tests {
         assert!((diamond.predicted.fragments_ms / all[0].predicted.fragments_ms - 0.5).abs() < 1e-12);
         assert_eq!(diamond.sort_ms.unwrap().median, 2.0);
         // The front goes by error and counts; slow device time does not push the third off, an old order is none.
-        let front: Vec<_> = front_of(&all, "plant").into_iter().map(|i| all[i].configuration.as_str()).collect();
+        let front: Vec<_> =
+            front_of(&all, "plant").into_iter().map(|i| all[i].configuration.as_str()).collect();
         assert_eq!(front, ["radius=full", "default", "stop-below=0.02", "shape=diamond"]);
         let at = |limit| cheapest_within(&all, "plant", limit).map(|i| all[i].configuration.as_str());
         assert_eq!(LIMITS.map(at), [Some("default"), Some("stop-below=0.02"), Some("shape=diamond")]);

@@ -6,8 +6,8 @@ use std::fs::{File, OpenOptions};
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-use motes_renderer::{FrameReport, Traffic};
 use motes_renderer::gpu::Capabilities;
+use motes_renderer::{FrameReport, Traffic};
 use serde::{Deserialize, Serialize};
 
 use super::BenchError;
@@ -417,7 +417,9 @@ mod tests {
         let mut journal = Journal::open(&folder).unwrap();
         assert!(journal.record.has_frame("s", "v", "default", 1));
         assert!(!journal.record.has_frame("s", "v", "default", 2));
-        assert!(journal.record.is_refused("s", "shape=diamond") && !journal.record.is_refused("s", "default"));
+        assert!(
+            journal.record.is_refused("s", "shape=diamond") && !journal.record.is_refused("s", "default")
+        );
         journal.write(frame(2)).unwrap();
         let record = Record::read(&folder).unwrap();
         assert_eq!((record.frames.len(), record.refusals.len()), (2, 1));

@@ -14,7 +14,7 @@ use super::BenchError;
 use crate::shots::{Shot, resized};
 
 /// Size of a picture where no camera names one.
-pub const DEFAULT_SIZE: [u32; 2] = [640, 480];
+pub const DEFAULT_SIZE: [u32; 2] = [480, 360];
 
 /// Vertical angle of views that were chosen here, radians.
 const VERTICAL: f64 = 60.0 * std::f64::consts::PI / 180.0;
@@ -52,7 +52,9 @@ impl std::str::FromStr for Views {
     fn from_str(text: &str) -> Result<Self, String> {
         // A colon may be part of the path (a drive): names come after the last one, if what stands before it exists.
         match text.rsplit_once(':') {
-            Some((path, names)) if !Path::new(text).exists() && !path.is_empty() && !names.contains(['/', '\\']) => {
+            Some((path, names))
+                if !Path::new(text).exists() && !path.is_empty() && !names.contains(['/', '\\']) =>
+            {
                 Ok(Self {
                     path: path.into(),
                     names: names.split(',').map(|n| n.trim().to_owned()).filter(|n| !n.is_empty()).collect(),
@@ -112,7 +114,12 @@ pub fn subjects(wanted: &Wanted<'_>) -> Result<Vec<Subject>, BenchError> {
             let wide = Shot { name: "wide".to_owned(), view: wide(&first.view), time: first.time };
             let name = format!("{name} (headset's field of view)");
             let splats = Arc::new(opened.scene.splats);
-            subjects.push(Subject { name: name.clone(), splats: splats.clone(), views: vec![wide], only: Some(only) });
+            subjects.push(Subject {
+                name: name.clone(),
+                splats: splats.clone(),
+                views: vec![wide],
+                only: Some(only),
+            });
             let last = subjects.len() - 1;
             let plain = name.trim_end_matches(" (headset's field of view)").to_owned();
             subjects.insert(last, Subject { name: plain, splats, views, only: None });
@@ -123,8 +130,10 @@ pub fn subjects(wanted: &Wanted<'_>) -> Result<Vec<Subject>, BenchError> {
     Ok(subjects)
 }
 
-/// Scenes, each with its cameras.
-fn groups(wanted: &Wanted<'_>, cameras: Vec<Camera>) -> Result<Vec<(Vec<PathBuf>, Vec<Camera>)>, BenchError> {
+/// The files of a scene, and its cameras.
+type Group = (Vec<PathBuf>, Vec<Camera>);
+
+fn groups(wanted: &Wanted<'_>, cameras: Vec<Camera>) -> Result<Vec<Group>, BenchError> {
     let Some(views) = wanted.views else {
         let scenes = wanted.scenes.iter().map(|s| (vec![s.clone()], Vec::new()));
         let scenes: Vec<_> = scenes.collect();
@@ -134,9 +143,8 @@ fn groups(wanted: &Wanted<'_>, cameras: Vec<Camera>) -> Result<Vec<(Vec<PathBuf>
         let mut groups = Vec::new();
         for scene in wanted.scenes {
             // Cameras that say what they were taken of are for that scene alone.
-            let is_of = |c: &&Camera| {
-                c.inputs.is_empty() || c.inputs.iter().any(|i| scene.ends_with(input_path(i)))
-            };
+            let is_of =
+                |c: &&Camera| c.inputs.is_empty() || c.inputs.iter().any(|i| scene.ends_with(input_path(i)));
             let own: Vec<Camera> = cameras.iter().filter(is_of).cloned().collect();
             if own.is_empty() {
                 return Err(BenchError::Setting(format!(
@@ -149,7 +157,7 @@ fn groups(wanted: &Wanted<'_>, cameras: Vec<Camera>) -> Result<Vec<(Vec<PathBuf>
         }
         return Ok(groups);
     }
-    let mut groups: Vec<(Vec<PathBuf>, Vec<Camera>)> = Vec::new();
+    let mut groups: Vec<Group> = Vec::new();
     for camera in cameras {
         let mut paths = Vec::new();
         for input in &camera.inputs {
@@ -227,7 +235,8 @@ mod tests {
 
     #[test]
     fn the_sample_is_looked_at_where_nothing_is_named() {
-        let wanted = Wanted { scenes: &[], views: None, size: Some([64, 48]), automatic: 3, wide: Some("projection") };
+        let wanted =
+            Wanted { scenes: &[], views: None, size: Some([64, 48]), automatic: 3, wide: Some("projection") };
         let subjects = subjects(&wanted).unwrap();
         assert_eq!(subjects.len(), 2);
         assert_eq!((subjects[0].views.len(), subjects[1].views.len()), (3, 1));

@@ -40,7 +40,7 @@ pub const QUICK: Sweep = Sweep {
         ("precision", &["f16", "f16-naive"]),
         ("sh-precision", &["f16", "u8"]),
         ("sh-degree", &["0", "1"]),
-        ("target", &["rgba8", "rgb10a2"]),
+        ("target-format", &["rgba8", "rgb10a2"]),
         ("min-opacity", &["0.05", "0.1"]),
         ("min-contribution", &["0.5", "2"]),
         ("resolution-scale", &["0.7071", "0.5"]),
@@ -59,7 +59,7 @@ pub const EXACT: Changes = &[
     ("projection", "exact"),
     ("radius", "full"),
     ("composite", "front-to-back"),
-    ("target", "rgba16f"),
+    ("target-format", "rgba16f"),
     ("min-opacity", "0"),
 ];
 
@@ -94,7 +94,7 @@ const FULL: Sweep = Sweep {
         &[("stop-below", "0.05"), ("resolution-scale", "0.5")],
         &[("shape", "diamond"), ("stop-below", "0.1"), ("resolution-scale", "0.5"), ("min-opacity", "0.05")],
         &[("precision", "f16"), ("sh-precision", "f16")],
-        &[("precision", "f16"), ("sh-precision", "u8"), ("target", "rgba8")],
+        &[("precision", "f16"), ("sh-precision", "u8"), ("target-format", "rgba8")],
         &[("precision", "f16"), ("sh-precision", "u8"), ("stop-below", "0.02"), ("min-contribution", "0.2")],
     ],
 };

@@ -10,8 +10,8 @@ use motes_renderer::{Offscreen, Packing, RenderConfig, SceneOnDevice, View};
 use super::record::TruthRecord;
 use super::subject::Subject;
 use super::{BenchError, sweep};
-use crate::shots::Shot;
 use crate::measure::{ColourMap, Picture, coloured, psnr, squared_errors};
+use crate::shots::Shot;
 
 /// Splats × pixels up to which the reference is affordable: 2 million at 640 × 480, some tens of seconds.
 pub const AFFORDABLE: f64 = 2e6 * 640.0 * 480.0;
@@ -68,10 +68,8 @@ pub fn make(
     let options = options(&config, view);
     let affordable = cost(subject, &view.view) <= AFFORDABLE;
     let reference = |view: &View| {
-        reference::render(&subject.splats, view, &options).map_err(|source| BenchError::Reference {
-            subject: subject.name.clone(),
-            source,
-        })
+        reference::render(&subject.splats, view, &options)
+            .map_err(|source| BenchError::Reference { subject: subject.name.clone(), source })
     };
     std::fs::create_dir_all(folder.join("truth")).map_err(BenchError::io(folder.join("truth")))?;
     let mut record = TruthRecord {

@@ -30,13 +30,13 @@ pub struct BenchArgs {
     #[arg(long, value_name = "FILE[:NAME,…]")]
     pub views: Option<Views>,
     /// Views around each scene, where no cameras are named
-    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u16).range(1..=64))]
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=64))]
     pub around: u16,
-    /// Size of pictures (a camera's own, else 640x480)
+    /// Size of pictures (a camera's own, else 480x360)
     #[arg(long, value_name = "WxH")]
     pub size: Option<Size>,
     /// Rounds: every configuration is timed once in each
-    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub rounds: u32,
     /// Pixels per degree of the visual field, for FLIP
     #[arg(long, value_name = "N", default_value_t = DEFAULT_PIXELS_PER_DEGREE)]

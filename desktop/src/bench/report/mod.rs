@@ -86,7 +86,8 @@ pub struct Contents<'a> {
 /// The file system's, or a picture of the bench that is gone.
 pub fn write(contents: &Contents<'_>) -> Result<Files, BenchError> {
     let Contents { folder, record, outcomes, rates, .. } = *contents;
-    let names = |indices: Vec<usize>| indices.into_iter().map(|i| outcomes[i].configuration.as_str()).collect();
+    let names =
+        |indices: Vec<usize>| indices.into_iter().map(|i| outcomes[i].configuration.as_str()).collect();
     let scenes: Vec<SceneSummary<'_>> = record
         .scenes
         .iter()
@@ -96,7 +97,8 @@ pub fn write(contents: &Contents<'_>) -> Result<Files, BenchError> {
             budgets: REFRESH_RATES.map(|hz| rates.layers_at(hz, 2.0 * f64::from(scene.splats))),
             front: names(outcome::front_of(outcomes, &scene.scene)),
             answers: LIMITS.map(|limit| {
-                outcome::cheapest_within(outcomes, &scene.scene, limit).map(|i| outcomes[i].configuration.as_str())
+                outcome::cheapest_within(outcomes, &scene.scene, limit)
+                    .map(|i| outcomes[i].configuration.as_str())
             }),
         })
         .collect();
@@ -185,7 +187,12 @@ mod tests {
         let lines = record(&[
             ("default", 0.001, 5000, 10.0),
             ("shape=diamond", 0.02, 2500, 5.0),
-            ("expansion=geometry projection=affine shape=square radius=sqrt8 order=depth composite=back-to-front", 0.0, 9000, 1.0),
+            (
+                "expansion=geometry projection=affine shape=square radius=sqrt8 order=depth composite=back-to-front",
+                0.0,
+                9000,
+                1.0,
+            ),
         ]);
         let mut record = parsed(&lines);
         let folder = std::env::temp_dir().join(format!("motes-report-{}", std::process::id()));

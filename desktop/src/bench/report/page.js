@@ -22,15 +22,15 @@ const COSTS = {
   off_chip: ["bytes moved, off chip", (o) => o.off_chip],
   memory: ["bytes of the scene", (o) => o.scene_bytes],
 };
-const LIMIT_WORDS = ["not seen", "hardly seen", "seen when looked for"];
+const LIMIT_WORDS = ["very close", "close", "rough"];
 const GROUPS = [
   ["as it is by default", [], "#111827"],
-  ["coarser resolution", ["resolution-scale", "upscale"], "#7c3aed"],
+  ["coarser resolution", ["resolution-scale", "upscale", "sharpen"], "#7c3aed"],
   ["early stop", ["stop-below", "batches", "composite"], "#2563eb"],
   ["polygon", ["shape", "radius", "max-radius"], "#059669"],
   ["leaving out", ["min-opacity", "min-contribution", "near", "near-fade"], "#d97706"],
   ["projection, filter", ["projection", "low-pass"], "#dc2626"],
-  ["storage, format", ["precision", "sh-precision", "sh-degree", "target"], "#0891b2"],
+  ["storage, format", ["precision", "sh-precision", "sh-degree", "target-format"], "#0891b2"],
   ["order", ["order", "key-bits", "sort", "sort-per-eye", "sort-interval"], "#db2777"],
   ["where expanded", ["expansion"], "#65a30d"],
   ["several together", null, "#6b7280"],
@@ -55,7 +55,7 @@ function answers() {
   const exact = Math.max(...outcomes().filter((o) => s.front.includes(o.configuration)).map(ms));
   $("answers").innerHTML = R.limits.map((limit, i) => {
     const o = s.answers[i] && outcome(s.answers[i]);
-    const head = `<h3>Error ${LIMIT_WORDS[i]} <small>(FLIP ≤ ${limit})</small></h3>`;
+    const head = `<h3>Cheapest that is ${LIMIT_WORDS[i]} <small>(FLIP ≤ ${limit})</small></h3>`;
     if (!o) return `<div class="card">${head}<p>No configuration that was measured is that close.</p></div>`;
     const u = 1 + o.predicted.uncertainty;
     return `<div class="card" tabindex="0" data-name="${escape(o.configuration)}">${head}<b>${digits(ms(o))} ms</b> a frame predicted

@@ -74,9 +74,13 @@ impl Surface {
         };
         let headset = Fov { left: -1.43, right: 1.43, up: -1.11, down: 1.11 };
         let optimal = projection_error::epsilon_optimal(Self::HALF);
-        let expectations =
-            [("45° square, a photograph", square(45.0)), ("60° square", square(60.0)), ("90° square", square(90.0)), ("110° × 96°, a headset's eye", headset)]
-                .map(|(name, fov)| (name, projection_error::expectation(&fov, Self::HALF), optimal));
+        let expectations = [
+            ("45° square, a photograph", square(45.0)),
+            ("60° square", square(60.0)),
+            ("90° square", square(90.0)),
+            ("110° × 96°, a headset's eye", headset),
+        ]
+        .map(|(name, fov)| (name, projection_error::expectation(&fov, Self::HALF), optimal));
         Self {
             limit,
             values: (-STEPS..=STEPS).map(row).collect(),
@@ -99,7 +103,8 @@ fn page(contents: &Contents<'_>, experiment: &Experiment) -> Result<ExperimentPa
     let mut scenes: Vec<&str> = Vec::new();
     for own in [true, false] {
         for scene in &contents.record.scenes {
-            let fits = if own { scene.only.as_deref() == Some(experiment.name) } else { scene.only.is_none() };
+            let fits =
+                if own { scene.only.as_deref() == Some(experiment.name) } else { scene.only.is_none() };
             if fits && contents.outcomes.iter().any(|o| o.scene == scene.scene) {
                 scenes.push(&scene.scene);
             }
@@ -109,7 +114,9 @@ fn page(contents: &Contents<'_>, experiment: &Experiment) -> Result<ExperimentPa
         .outcomes
         .iter()
         .filter(belongs)
-        .filter(|o| experiment.name == "projection" && o.rings.len() > 4 && scenes.contains(&o.scene.as_str()))
+        .filter(|o| {
+            experiment.name == "projection" && o.rings.len() > 4 && scenes.contains(&o.scene.as_str())
+        })
         .map(|o| (o.scene.clone(), o.configuration.clone(), o.rings.clone()))
         .collect();
     let mut rows = Vec::new();

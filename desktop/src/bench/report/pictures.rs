@@ -112,9 +112,8 @@ fn true_colour(picture: &Picture) -> Result<Vec<u8>, BenchError> {
 /// A map of errors in magma; 64 colours are enough to see by, and small.
 fn palette(map: &Picture) -> Result<Vec<u8>, BenchError> {
     const COLOURS: u32 = 64;
-    let colours = (0..COLOURS)
-        .flat_map(|i| ColourMap::Magma.colour(f64::from(i) / f64::from(COLOURS - 1)))
-        .collect();
+    let colours =
+        (0..COLOURS).flat_map(|i| ColourMap::Magma.colour(f64::from(i) / f64::from(COLOURS - 1))).collect();
     let index = |p: &[f32; 3]| {
         let share = (f64::from(p[0]) / ERROR_SHOWN).clamp(0.0, 1.0);
         (share * f64::from(COLOURS - 1)).round() as u8
@@ -129,7 +128,8 @@ mod tests {
 
     #[test]
     fn thumbnails_are_means_and_the_budget_holds() {
-        let pixels = (0..480 * 4).map(|i| if i % 2 == 0 { [1.0, 0.0, 0.0] } else { [0.0, 0.0, 1.0] }).collect();
+        let pixels =
+            (0..480 * 4).map(|i| if i % 2 == 0 { [1.0, 0.0, 0.0] } else { [0.0, 0.0, 1.0] }).collect();
         let small = shrunk(&Picture::new([480, 4], pixels).unwrap());
         assert_eq!(small.size(), [240, 2]);
         assert!(small.pixels().iter().all(|p| *p == [0.5, 0.0, 0.5]));
@@ -149,7 +149,8 @@ mod tests {
         let file = folder.join("map.png");
         std::fs::write(&file, bytes).unwrap();
         let map = Picture::load(&file).unwrap();
-        let error = f64::from(flip_map(&Picture::load(&a).unwrap(), &Picture::load(&b).unwrap(), 67.0).unwrap()[100]);
+        let error =
+            f64::from(flip_map(&Picture::load(&a).unwrap(), &Picture::load(&b).unwrap(), 67.0).unwrap()[100]);
         let expected = ColourMap::Magma.colour(((error / ERROR_SHOWN).min(1.0) * 63.0).round() / 63.0);
         assert_eq!(map.to_rgb8()[300..303], expected);
     }
