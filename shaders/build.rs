@@ -27,6 +27,8 @@ const SHADERS: &[(&str, &str, &[&str])] = &[
     ("SPLAT_GEOM_EXACT", "splat.geom", &["EXACT"]),
     ("SPLAT_FRAG", "splat.frag", &[]),
     ("SPLAT_FRAG_EXACT", "splat.frag", &["EXACT"]),
+    ("SPLAT_FRAG_COUNT", "splat.frag", &["COUNT"]),
+    ("SPLAT_FRAG_EXACT_COUNT", "splat.frag", &["EXACT", "COUNT"]),
     ("FULLSCREEN_VERT", "fullscreen.vert", &[]),
     ("MARK_FRAG", "mark.frag", &[]),
     ("RESOLVE_FRAG", "resolve.frag", &[]),

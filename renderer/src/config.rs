@@ -248,9 +248,9 @@ pub struct RenderConfig {
     pub sort_interval: u32,
     /// The direction of blending.
     pub composite: Composite,
-    /// Early stop: batches per frame, `2 ..= 8`.
+    /// Early stop: batches per frame, `2 ..= 32`.
     pub batches: u32,
-    /// Early stop: transmittance below which a pixel is finished.
+    /// Transmittance below which a pixel counts as opaque: it is shown so, and early stop finishes it. 0: never.
     pub stop_below: f32,
     /// Storage of geometry on the device.
     pub precision: Precision,
@@ -401,6 +401,7 @@ impl RenderConfig {
             radius: RadiusRule::Tiles,
             order: OrderKey::Depth,
             composite: Composite::FrontToBack,
+            stop_below: 0.0,
             near: 0.2,
             near_fade: 0.0,
             ..Self::default()

@@ -24,7 +24,7 @@ mod workspace;
 
 pub use choices::{CHOICES, Choice, Kind, PRESETS, Preset};
 pub use config::*;
-pub use offscreen::{Offscreen, Picture};
+pub use offscreen::{LayerMap, Offscreen, Picture};
 pub use packing::Packing;
 pub use renderer::{DrawRequest, Frame, Renderer, Stereo, Target, midpoint};
 pub use report::FrameReport;

@@ -9,6 +9,7 @@ use crate::{RenderConfig, View};
 use ash::vk;
 use glam::DVec3;
 use gpu_allocator::MemoryLocation;
+use half::f16;
 use std::sync::Arc;
 
 /// An image of 8-bit sRGB-encoded values, rows from the top, `[r, g, b, a]` a pixel.
@@ -18,6 +19,37 @@ pub struct Picture {
     pub size: [u32; 2],
     /// `width · height` pixels.
     pub pixels: Vec<[u8; 4]>,
+}
+
+/// How many layers each pixel took.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LayerMap {
+    /// Width and height, pixels.
+    pub size: [u32; 2],
+    /// Fragments that were shaded, a pixel; exact up to 2048.
+    pub shaded: Vec<f32>,
+    /// Of those, the ones whose opacity was at least 1/255 and that were blended.
+    pub blended: Vec<f32>,
+}
+
+impl LayerMap {
+    /// Mean of the shaded layers.
+    pub fn mean_shaded(&self) -> f64 {
+        self.shaded.iter().map(|&l| f64::from(l)).sum::<f64>() / self.shaded.len().max(1) as f64
+    }
+
+    /// Mean of the blended layers.
+    pub fn mean_blended(&self) -> f64 {
+        self.blended.iter().map(|&l| f64::from(l)).sum::<f64>() / self.blended.len().max(1) as f64
+    }
+}
+
+/// What is read back of a frame.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Read {
+    Nothing,
+    Picture,
+    Layers,
 }
 
 /// Renders pictures offscreen and waits for each.
@@ -80,7 +112,7 @@ impl Offscreen {
         views: &[View],
         config: &RenderConfig,
     ) -> Result<FrameReport, GpuError> {
-        self.record(scene, views, config, false)
+        self.record(scene, views, config, Read::Nothing)
     }
 
     /// Renders one or two views: sorts, draws, reads back.
@@ -107,7 +139,7 @@ impl Offscreen {
         views: &[View],
         config: &RenderConfig,
     ) -> Result<(Vec<Picture>, FrameReport), GpuError> {
-        let report = self.record(scene, views, config, true)?;
+        let report = self.record(scene, views, config, Read::Picture)?;
         let size = views.first().map_or([0, 0], |v| v.size);
         let count = (size[0] * size[1]) as usize;
         let bytes = self.readback.as_ref().map(Buffer::mapped).unwrap_or_default();
@@ -122,12 +154,47 @@ impl Offscreen {
         Ok((pictures, report))
     }
 
+    /// Renders one or two views and counts the layers of each pixel instead of reading the pictures back.
+    ///
+    /// # Errors
+    /// As [`Offscreen::render`]; a device without independent blending, or two views in two passes.
+    pub fn layers(
+        &mut self,
+        scene: &SceneOnDevice,
+        views: &[View],
+        config: &RenderConfig,
+    ) -> Result<(Vec<LayerMap>, FrameReport), GpuError> {
+        if views.len() == 2 && self.stereo == Stereo::TwoPass {
+            let one_by_one = "layers of two views are counted in one pass (multiview), or view by view";
+            return Err(GpuError::Config(crate::ConfigError(one_by_one.into())));
+        }
+        self.sort(scene, views, config);
+        self.renderer.count_layers(true)?;
+        let report = self.record(scene, views, config, Read::Layers);
+        self.renderer.count_layers(false)?;
+        let report = report?;
+        let size = views[0].size;
+        let count = (size[0] * size[1]) as usize;
+        let bytes = self.readback.as_ref().map(Buffer::mapped).unwrap_or_default();
+        let at = |p: &[u8], i: usize| f16::from_le_bytes([p[2 * i], p[2 * i + 1]]).to_f32();
+        let maps = bytes
+            .chunks_exact(4 * count)
+            .take(views.len())
+            .map(|layer| LayerMap {
+                size,
+                shaded: layer.chunks_exact(4).map(|p| at(p, 0)).collect(),
+                blended: layer.chunks_exact(4).map(|p| at(p, 1)).collect(),
+            })
+            .collect();
+        Ok((maps, report))
+    }
+
     fn record(
         &mut self,
         scene: &SceneOnDevice,
         views: &[View],
         config: &RenderConfig,
-        read: bool,
+        read: Read,
     ) -> Result<FrameReport, GpuError> {
         let Some(first) = views.first() else {
             return Err(GpuError::Config(crate::ConfigError("a frame needs one view or two".into())));
@@ -175,7 +242,12 @@ impl Offscreen {
             &frame,
             &DrawRequest { scene, order: &self.order, views, config, target: &target, stereo: self.stereo },
         )?;
-        if read {
+        let source = match read {
+            Read::Nothing => None,
+            Read::Picture => Some(image),
+            Read::Layers => self.renderer.layer_counts(),
+        };
+        if let Some(source) = source {
             let copy = vk::BufferImageCopy {
                 image_subresource: vk::ImageSubresourceLayers {
                     aspect_mask: vk::ImageAspectFlags::COLOR,
@@ -193,7 +265,7 @@ impl Offscreen {
             unsafe {
                 gpu.device().cmd_copy_image_to_buffer(
                     frame.commands(),
-                    image.raw(),
+                    source.raw(),
                     vk::ImageLayout::TRANSFER_SRC_OPTIMAL,
                     readback.raw(),
                     &[copy],

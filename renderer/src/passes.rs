@@ -22,6 +22,8 @@ pub(crate) struct PassKey {
     pub view_mask: u32,
     /// Whether saturated pixels are marked in a depth attachment.
     pub early_stop: bool,
+    /// Whether layers are counted into a further attachment.
+    pub count: bool,
 }
 
 /// The splats' pipelines differ by who makes the corners.
@@ -56,6 +58,9 @@ enum PipelineKey {
 
 /// Format of the marks of early stop.
 pub(crate) const MARK_FORMAT: vk::Format = vk::Format::D16_UNORM;
+
+/// Format of the layer counts: shaded, and of those the ones that reach 1/255. Whole numbers are exact up to 2048.
+pub(crate) const COUNT_FORMAT: vk::Format = vk::Format::R16G16_SFLOAT;
 
 /// Everything that is made once and looked up by key.
 pub(crate) struct Passes {
@@ -148,7 +153,7 @@ impl Passes {
         if self.gpu.capabilities.geometry_shader { stages | vk::ShaderStageFlags::GEOMETRY } else { stages }
     }
 
-    /// The render pass of a key. Attachments: blended image, output (if any), marks (early stop only).
+    /// The render pass of a key. Attachments: blended image, output (if any), marks (early stop only), layer counts (if counted).
     ///
     /// Subpass 0 blends the splats. With early stop it also reads the blended image back as an input attachment, between
     /// batches and on chip, to write the marks: its self-dependency allows the barrier. Subpass 1 resolves into the output.
@@ -184,7 +189,19 @@ impl Passes {
                 vk::AttachmentLoadOp::CLEAR,
             ));
         }
+        let counts = vk::AttachmentReference {
+            attachment: attachments.len() as u32,
+            layout: vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL,
+        };
+        if key.count {
+            let kept = vk::ImageLayout::TRANSFER_SRC_OPTIMAL;
+            attachments.push(
+                transient(COUNT_FORMAT, kept, vk::AttachmentLoadOp::CLEAR)
+                    .store_op(vk::AttachmentStoreOp::STORE),
+            );
+        }
         let blended = [vk::AttachmentReference { attachment: 0, layout: blended_layout }];
+        let drawn = [blended[0], counts];
         let blended_read =
             [vk::AttachmentReference { attachment: 0, layout: vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL }];
         let output =
@@ -195,7 +212,7 @@ impl Passes {
         };
         let mut splats = vk::SubpassDescription::default()
             .pipeline_bind_point(vk::PipelineBindPoint::GRAPHICS)
-            .color_attachments(&blended);
+            .color_attachments(&drawn[..if key.count { 2 } else { 1 }]);
         if key.early_stop {
             splats = splats.input_attachments(&blended).depth_stencil_attachment(&marks);
         }
@@ -271,6 +288,17 @@ impl Passes {
                     .src_access_mask(vk::AccessFlags::COLOR_ATTACHMENT_WRITE)
                     .dst_access_mask(vk::AccessFlags::INPUT_ATTACHMENT_READ)
                     .dependency_flags(by_region),
+            );
+        }
+        if key.count {
+            dependencies.push(
+                vk::SubpassDependency::default()
+                    .src_subpass(0)
+                    .dst_subpass(vk::SUBPASS_EXTERNAL)
+                    .src_stage_mask(vk::PipelineStageFlags::COLOR_ATTACHMENT_OUTPUT)
+                    .dst_stage_mask(vk::PipelineStageFlags::TRANSFER)
+                    .src_access_mask(vk::AccessFlags::COLOR_ATTACHMENT_WRITE)
+                    .dst_access_mask(vk::AccessFlags::TRANSFER_READ),
             );
         }
         let masks = [key.view_mask; 2];
@@ -364,7 +392,12 @@ impl Passes {
             (Stages::Instanced, true, true) => modules::INSTANCED_VERT_EXACT_MULTIVIEW,
             (Stages::Geometry, ..) => modules::POINT_VERT,
         };
-        let fragment = if exact { modules::SPLAT_FRAG_EXACT } else { modules::SPLAT_FRAG };
+        let fragment = match (exact, pass.count) {
+            (false, false) => modules::SPLAT_FRAG,
+            (true, false) => modules::SPLAT_FRAG_EXACT,
+            (false, true) => modules::SPLAT_FRAG_COUNT,
+            (true, true) => modules::SPLAT_FRAG_EXACT_COUNT,
+        };
         let vertex = Module::new(&self.gpu, vertex)?;
         let fragment = Module::new(&self.gpu, fragment)?;
         let geometry = match stages {
@@ -461,8 +494,20 @@ impl Passes {
             .line_width(1.0);
         let samples = vk::PipelineMultisampleStateCreateInfo::default()
             .rasterization_samples(vk::SampleCountFlags::TYPE_1);
-        let blends = [*blend];
-        let blending = vk::PipelineColorBlendStateCreateInfo::default().attachments(&blends);
+        // Counts add up, and only splats count.
+        let counting = vk::PipelineColorBlendAttachmentState::default()
+            .blend_enable(true)
+            .src_color_blend_factor(vk::BlendFactor::ONE)
+            .dst_color_blend_factor(vk::BlendFactor::ONE)
+            .color_write_mask(if blend.blend_enable == vk::TRUE {
+                vk::ColorComponentFlags::RGBA
+            } else {
+                vk::ColorComponentFlags::empty()
+            });
+        let blends = [*blend, counting];
+        let counts = pass.count && subpass == 0;
+        let blending = vk::PipelineColorBlendStateCreateInfo::default()
+            .attachments(&blends[..if counts { 2 } else { 1 }]);
         let dynamic = [vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR];
         let dynamic = vk::PipelineDynamicStateCreateInfo::default().dynamic_states(&dynamic);
         let info = vk::GraphicsPipelineCreateInfo::default()

@@ -60,7 +60,7 @@ const uint BLOCK = 128;
 // Splats that one draw instance covers.
 const uint QUADS_PER_INSTANCE = 256;
 // Most batches of an early-stop frame.
-const uint MAX_BATCHES = 16;
+const uint MAX_BATCHES = 32;
 // Least blended opacity: below one step of an 8-bit image nothing lands.
 const float MIN_ALPHA = 1.0 / 255.0;
 // Largest blended opacity (the trainers' cap).
@@ -79,7 +79,7 @@ layout(set = 0, binding = 0, std140) uniform Frame {
     ViewData views[2];
     vec4 sort_center; // point from which the radial key is measured; scene axes, relative to the origin
     vec4 cull;        // near (m), near fade (m), least opacity, least contribution (px)
-    vec4 filters;     // low-pass variance (px² of the rendered image), max radius (px), stop threshold (transmittance), time
+    vec4 filters;     // low-pass variance (px² of the rendered image), max radius (px), transmittance below which a pixel is opaque, time
     uvec4 counts;     // splats, batches, corners, flags
     uvec4 sampling;   // interleaved: pitch (16.16), step of the cycle, HISTORY_*, share of history in motion (float)
     vec4 shown;       // width, height of the shown image (px); a sample's largest offset (slope); rendered px per filtered px

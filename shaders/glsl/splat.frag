@@ -6,6 +6,17 @@
 
 layout(early_fragment_tests) in;
 layout(location = 0) out vec4 blended;
+#ifdef COUNT
+// Layers of this pixel, added up: shaded, and of those the ones that reach 1/255.
+layout(location = 1) out vec2 layers;
+#endif
+
+// A fragment without effect. Where layers are counted it is blended as nothing, else it ends here.
+#ifdef COUNT
+#define LEAVE { blended = vec4(0.0); layers = vec2(1.0, 0.0); return; }
+#else
+#define LEAVE discard;
+#endif
 
 void main() {
     vec3 at = plane;
@@ -16,10 +27,13 @@ void main() {
 #ifdef EXACT
     // Squared distance of the ray, and whether its strongest point lies before the eye.
     float along = dot(linear, pq);
-    if (!(at.z + 0.5 * along > 0.0)) discard;
+    if (!(at.z + 0.5 * along > 0.0)) LEAVE
     d2 /= at.z * at.z + at.z * along + quadratic.x * pq.x * pq.x + quadratic.y * pq.x * pq.y + quadratic.z * pq.y * pq.y;
 #endif
     float alpha = min(MAX_ALPHA, color.a * exp2(-HALF_LOG2_E * d2));
-    if (!(alpha >= MIN_ALPHA)) discard;
+    if (!(alpha >= MIN_ALPHA)) LEAVE
     blended = vec4(color.rgb * alpha, alpha);
+#ifdef COUNT
+    layers = vec2(1.0);
+#endif
 }

@@ -7,7 +7,7 @@ pub const BLOCK: u32 = 128;
 /// Splats that one draw instance covers.
 pub const QUADS_PER_INSTANCE: u32 = 256;
 /// Most batches of an early-stop frame.
-pub const MAX_BATCHES: usize = 16;
+pub const MAX_BATCHES: usize = 32;
 /// 32-bit words of a record (affine and tangent).
 pub const RECORD_WORDS: u32 = 8;
 /// 32-bit words of a record of the exact projection.
@@ -49,7 +49,7 @@ pub struct FrameData {
     pub sort_center: [f32; 4],
     /// Near (m), near fade (m), least opacity, least contribution (px).
     pub cull: [f32; 4],
-    /// Low-pass variance (px²), largest radius (px), stop threshold (transmittance), time.
+    /// Low-pass variance (px²), largest radius (px), transmittance below which a pixel is opaque, time.
     pub filters: [f32; 4],
     /// Splats, batches, corners, flags.
     pub counts: [u32; 4],
@@ -80,7 +80,7 @@ pub struct Draw {
 
 /// Batches of a frame, written on the device, as `Plan` in the shaders (std430).
 #[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct Plan {
     /// One indirect draw a batch.
     pub draws: [Draw; MAX_BATCHES],

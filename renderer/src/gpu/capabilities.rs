@@ -16,6 +16,8 @@ pub struct Capabilities {
     pub multiview: bool,
     /// A geometry stage.
     pub geometry_shader: bool,
+    /// Attachments of one pass that blend differently (to count layers).
+    pub independent_blend: bool,
     /// Counts of invocations per pass.
     pub pipeline_statistics: bool,
     /// Device timestamps: nanoseconds per tick, 0 where there are none.
@@ -86,6 +88,7 @@ impl Capabilities {
             api: version(basic.api_version),
             multiview: multiview.multiview == vk::TRUE,
             geometry_shader: plain.geometry_shader == vk::TRUE,
+            independent_blend: plain.independent_blend == vk::TRUE,
             pipeline_statistics: plain.pipeline_statistics_query == vk::TRUE,
             timestamp_period: if timestamps { limits.timestamp_period } else { 0.0 },
             shader_float16: float16.shader_float16 == vk::TRUE,
@@ -111,6 +114,7 @@ impl Capabilities {
         };
         check(self.multiview, "no multiview: stereo takes two passes");
         check(self.geometry_shader, "no geometry stage: the geometry expansion is not offered");
+        check(self.independent_blend, "no independent blending: layers per pixel are not shown");
         check(self.pipeline_statistics, "no pipeline statistics: fragment and vertex counts are not shown");
         check(self.timestamp_period > 0.0, "no timestamps: device times are not shown");
         check(

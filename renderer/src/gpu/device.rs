@@ -234,6 +234,7 @@ impl Gpu {
             .shader_float16(capabilities.shader_float16);
         let core = vk::PhysicalDeviceFeatures::default()
             .geometry_shader(capabilities.geometry_shader)
+            .independent_blend(capabilities.independent_blend)
             .pipeline_statistics_query(capabilities.pipeline_statistics);
         let mut info = vk::DeviceCreateInfo::default()
             .queue_create_infos(&queues)

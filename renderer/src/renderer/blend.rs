@@ -2,10 +2,10 @@
 
 use super::frame_data::is_srgb;
 use super::upscale::Reduction;
-use super::{DrawRequest, Framebuffer, FramebufferKey, Renderer, call};
+use super::{Attachments, DrawRequest, Framebuffer, FramebufferKey, Renderer, call};
 use crate::config::Expansion;
 use crate::gpu::{Buffer, GpuError, Image, ImageDescription};
-use crate::passes::{FullScreen, MARK_FORMAT, PUSH_BYTES, PassKey, Stages};
+use crate::passes::{COUNT_FORMAT, FullScreen, MARK_FORMAT, PUSH_BYTES, PassKey, Stages};
 use ash::vk;
 use gpu_allocator::MemoryLocation;
 use motes_shaders::layout::{Draw, QUADS_PER_INSTANCE, Specialization};
@@ -59,14 +59,19 @@ impl Renderer {
             min_depth: 0.0,
             max_depth: 1.0,
         };
-        let mut clear = [vk::ClearValue::default(); 3];
-        let marks_at = if pass.output.is_some() { 2 } else { 1 };
-        clear[marks_at].depth_stencil = vk::ClearDepthStencilValue { depth: 1.0, stencil: 0 };
+        let mut clear = vec![vk::ClearValue::default(); if pass.output.is_some() { 2 } else { 1 }];
+        if pass.early_stop {
+            let depth_stencil = vk::ClearDepthStencilValue { depth: 1.0, stencil: 0 };
+            clear.push(vk::ClearValue { depth_stencil });
+        }
+        if pass.count {
+            clear.push(vk::ClearValue::default());
+        }
         let begin = vk::RenderPassBeginInfo::default()
             .render_pass(render_pass)
             .framebuffer(framebuffer)
             .render_area(area)
-            .clear_values(&clear[..if pass.early_stop { marks_at + 1 } else { marks_at }]);
+            .clear_values(&clear);
         let layout = self.passes.layout;
         let push_stages = self.passes.push_stages();
         let gpu = self.gpu.clone();
@@ -127,6 +132,10 @@ impl Renderer {
                 return self.record_upscale(slot, request, reduction, pass.view_mask, layer, sets[0]);
             };
             device.cmd_next_subpass(commands, vk::SubpassContents::INLINE);
+            // A multiview subpass begins with nothing bound.
+            device.cmd_set_viewport(commands, 0, &[viewport]);
+            device.cmd_set_scissor(commands, 0, &[area]);
+            device.cmd_bind_descriptor_sets(commands, graphics, layout, 0, sets, &[]);
             device.cmd_bind_descriptor_sets(commands, graphics, layout, 3, &input_sets[1..], &[]);
             device.cmd_bind_pipeline(commands, graphics, resolve);
             let b = config.background;
@@ -163,12 +172,14 @@ impl Renderer {
                 },
             aspect: vk::ImageAspectFlags::COLOR,
         };
-        let fits = self.blended.as_ref().is_some_and(|(blended, marks)| {
-            blended.description() == description && (marks.is_some() || !pass.early_stop)
+        let fits = self.attachments.as_ref().is_some_and(|a| {
+            a.blended.description() == description
+                && (a.marks.is_some() || !pass.early_stop)
+                && (a.counts.is_some() || !pass.count)
         });
         if !fits {
             self.forget_targets()?;
-            self.blended = None;
+            self.attachments = None;
             let blended = Image::new(&self.gpu, "blended", description)?;
             let marks = ImageDescription {
                 format: MARK_FORMAT,
@@ -177,9 +188,15 @@ impl Renderer {
                 ..description
             };
             let marks = if pass.early_stop { Some(Image::new(&self.gpu, "marks", marks)?) } else { None };
-            self.blended = Some((blended, marks));
+            let counts = ImageDescription {
+                format: COUNT_FORMAT,
+                usage: vk::ImageUsageFlags::COLOR_ATTACHMENT | vk::ImageUsageFlags::TRANSFER_SRC,
+                ..description
+            };
+            let counts = if pass.count { Some(Image::new(&self.gpu, "layer counts", counts)?) } else { None };
+            self.attachments = Some(Attachments { blended, marks, counts });
         }
-        let Some((blended, marks)) = &self.blended else {
+        let Some(Attachments { blended, marks, counts }) = &self.attachments else {
             return Err(GpuError::NoDevice("no image to blend into".into()));
         };
         let key = FramebufferKey { pass: render_pass, output, size };
@@ -190,6 +207,9 @@ impl Renderer {
         attachments.extend(pass.output.map(|_| output));
         if let (Some(marks), true) = (marks, pass.early_stop) {
             attachments.push(marks.view());
+        }
+        if let (Some(counts), true) = (counts, pass.count) {
+            attachments.push(counts.view());
         }
         let info = vk::FramebufferCreateInfo::default()
             .render_pass(render_pass)

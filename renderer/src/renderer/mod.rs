@@ -114,6 +114,15 @@ struct Framebuffer {
     raw: vk::Framebuffer,
 }
 
+/// Images that a frame is drawn in, besides the caller's.
+struct Attachments {
+    blended: Image,
+    /// Early stop's.
+    marks: Option<Image>,
+    /// Layers per pixel, where they are counted.
+    counts: Option<Image>,
+}
+
 /// Draws scenes. One for a device and thread.
 pub struct Renderer {
     gpu: Arc<Gpu>,
@@ -122,7 +131,8 @@ pub struct Renderer {
     next: usize,
     workspace: Option<Workspace>,
     indices: HashMap<u32, Buffer>,
-    blended: Option<(Image, Option<Image>)>,
+    attachments: Option<Attachments>,
+    count_layers: bool,
     framebuffers: HashMap<FramebufferKey, Framebuffer>,
     background: [f32; 3],
     upscaler: Upscaler,
@@ -141,7 +151,8 @@ impl Renderer {
             next: 0,
             workspace: None,
             indices: HashMap::new(),
-            blended: None,
+            attachments: None,
+            count_layers: false,
             framebuffers: HashMap::new(),
             background: [0.0; 3],
             upscaler: Upscaler::new(gpu)?,
@@ -296,6 +307,27 @@ impl Renderer {
         self.upscaler.forget_history();
     }
 
+    /// Whether the frames from now on count layers per pixel: a measurement, which costs time itself.
+    ///
+    /// # Errors
+    /// The device cannot blend attachments of one pass differently.
+    pub fn count_layers(&mut self, count: bool) -> Result<(), GpuError> {
+        if count && !self.gpu.capabilities.independent_blend {
+            return Err(GpuError::Unsupported {
+                wanted: "counting layers (independent blending)".into(),
+                device: self.gpu.capabilities.device.clone(),
+                remedy: "Use the statistics of whole passes".into(),
+            });
+        }
+        self.count_layers = count;
+        Ok(())
+    }
+
+    /// The layer counts of the last frame (16-bit floats: shaded, blended; one layer a view), left for copies.
+    pub(crate) fn layer_counts(&self) -> Option<&Image> {
+        self.attachments.as_ref().and_then(|a| a.counts.as_ref())
+    }
+
     /// Forgets framebuffers that refer to the caller's images. To be called before those are destroyed.
     ///
     /// # Errors
@@ -357,6 +389,7 @@ impl Renderer {
                 output: (!reduction.further_pass).then_some((target.format, target.layout)),
                 view_mask,
                 early_stop,
+                count: self.count_layers,
             };
             self.record_pass(
                 frame.slot,

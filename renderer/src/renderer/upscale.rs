@@ -398,7 +398,7 @@ impl Renderer {
     ) -> Result<(), GpuError> {
         let DrawRequest { target, config, .. } = *request;
         let keeps = temporal(config, &reduction.resolution);
-        let rendered = self.blended.as_ref().map_or(vk::ImageView::null(), |b| b.0.array_view());
+        let rendered = self.attachments.as_ref().map_or(vk::ImageView::null(), |a| a.blended.array_view());
         let (read, written, kept) = match (&self.upscaler.history, keeps) {
             (Some(h), true) => {
                 let [read, written] = [&h.images[h.newest], &h.images[1 - h.newest]];

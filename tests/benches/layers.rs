@@ -1,0 +1,74 @@
+//! Layers per pixel of five views, 640 × 480: what the Quest report's way shades, every layer of opacity-aware
+//! octagons, what early stop leaves of them, and the least that a stop per pixel could leave.
+//!
+//! `cargo bench --bench layers [-- VIEW…]`
+
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a bench may")]
+
+use motes_desktop::measure::{Picture as Measured, Settings, compare};
+use motes_renderer::gpu::{Gpu, GpuOptions};
+use motes_renderer::reference::{self, ReferenceOptions};
+use motes_renderer::{
+    Composite, Offscreen, Packing, Picture, Precision, Projection, RenderConfig, SceneOnDevice, ShPrecision,
+};
+use motes_tests::golden::{NAMES, golden_view};
+
+/// Area of the octagon over that of the ellipse in it: the reference counts ellipses, the rasteriser octagons.
+const OCTAGON: f64 = 3.31 / std::f64::consts::PI;
+
+fn measured(picture: &Picture) -> Measured {
+    let bytes: Vec<u8> = picture.pixels.iter().flat_map(|p| [p[0], p[1], p[2]]).collect();
+    Measured::from_rgb8(picture.size, &bytes).unwrap()
+}
+
+fn main() {
+    let wanted: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with('-')).collect();
+    let gpu = Gpu::offscreen(&GpuOptions { validation: false }).unwrap();
+    let mut offscreen = Offscreen::new(&gpu).unwrap();
+    let packing = Packing { precision: Precision::F32, sh_precision: ShPrecision::F32, sh_degree: 3 };
+    for name in
+        NAMES.into_iter().filter(|n| wanted.is_empty() || wanted.iter().any(|w| n.contains(w.as_str())))
+    {
+        let golden = golden_view(name);
+        let views = [golden.view];
+        let scene = SceneOnDevice::new(&gpu, &golden.splats, packing).unwrap();
+        let mut count = |label: &str, config: &RenderConfig| {
+            let (maps, _) = offscreen.layers(&scene, &views, config).unwrap();
+            let (picture, report) = offscreen.render(&scene, &views, config).unwrap();
+            println!(
+                "{name:18} {label:34} shaded {:6.2}  blended {:6.2}  statistic {:6.2}",
+                maps[0].mean_shaded(),
+                maps[0].mean_blended(),
+                report.fragments as f64 / report.pixels as f64
+            );
+            picture.into_iter().next().unwrap()
+        };
+        for projection in [Projection::Tangent] {
+            count(
+                &format!("report {projection}"),
+                &RenderConfig { projection, ..RenderConfig::quest_report() },
+            );
+            let base = RenderConfig { projection, composite: Composite::FrontToBack, ..Default::default() };
+            let all = measured(&count(&format!("every layer {projection}"), &base));
+            for (batches, steps) in [(16, 1.0), (64, 1.0), (128, 1.0)] {
+                let config = RenderConfig {
+                    composite: Composite::EarlyStop,
+                    batches,
+                    stop_below: steps / 255.0,
+                    ..base.clone()
+                };
+                let label = format!("stop {projection} {batches} at {steps}/255");
+                let picture = measured(&count(&label, &config));
+                let flip = compare(&all, &picture, &Settings::default()).unwrap().flip.mean;
+                println!("{:53} FLIP {flip:.5}", "");
+            }
+        }
+        let options = ReferenceOptions {
+            projection: Projection::Affine,
+            ..ReferenceOptions::of_config(&RenderConfig::default())
+        };
+        let image = reference::render(&golden.splats, &golden.view, &options).unwrap();
+        let layers: f64 = image.pixels.iter().map(|p| f64::from(p.layers_until)).sum();
+        println!("{name:18} ideal {:34.2}", OCTAGON * layers / image.pixels.len() as f64);
+    }
+}
