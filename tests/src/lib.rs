@@ -1,6 +1,10 @@
 //! What the tests that go through more than one crate share.
 
 pub mod golden;
+#[cfg(unix)]
+pub mod monado;
+#[cfg(unix)]
+pub mod remote;
 
 use motes_renderer::gpu::{Gpu, GpuOptions};
 use std::ops::Deref;

@@ -1,1 +1,18 @@
-//! See the crate's description.
+//! The headset: an OpenXR session, and a recorded one with the same interface.
+
+pub mod bindings;
+mod content;
+mod error;
+mod headset;
+mod readback;
+mod runtime;
+mod script;
+mod viewer;
+
+pub use content::{Content, FirstView};
+pub use error::XrError;
+pub use headset::{EyeImages, FrameTime, Headset, SessionState, Step};
+pub use readback::Readback;
+pub use runtime::{Optional, Runtime, RuntimeHeadset, RuntimeOptions, SessionOptions};
+pub use script::{Order, Recorder, Script, ScriptFrame, ScriptStep, ScriptedHeadset};
+pub use viewer::{LastFrame, Viewer};

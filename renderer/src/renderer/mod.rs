@@ -136,6 +136,8 @@ pub struct Renderer {
     framebuffers: HashMap<FramebufferKey, Framebuffer>,
     background: [f32; 3],
     upscaler: Upscaler,
+    /// Of the newest frame that is done.
+    finished: FrameReport,
 }
 
 impl Renderer {
@@ -156,6 +158,7 @@ impl Renderer {
             framebuffers: HashMap::new(),
             background: [0.0; 3],
             upscaler: Upscaler::new(gpu)?,
+            finished: FrameReport::default(),
         };
         for _ in 0..FRAMES {
             let slot = renderer.make_slot()?;
@@ -251,6 +254,7 @@ impl Renderer {
             {
                 workspace.read_plan(index, &mut slot.report);
             }
+            self.finished.clone_from(&slot.report);
         }
         Ok(())
     }
@@ -298,7 +302,7 @@ impl Renderer {
 
     /// What the most recent finished frame took.
     pub fn last_report(&self) -> &FrameReport {
-        &self.slots[self.next].report
+        &self.finished
     }
 
     /// Forgets the frames before, which the temporal form of reduced resolution draws on: after a cut, or for pictures

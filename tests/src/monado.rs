@@ -1,0 +1,229 @@
+//! Monado, a real OpenXR runtime, for tests: its service, and test bodies that run with it in a process of their own.
+
+use std::ffi::OsString;
+use std::io::{BufRead, BufReader, Write};
+use std::os::unix::fs::PermissionsExt;
+use std::path::PathBuf;
+use std::process::{Child, Command, ExitStatus, Output, Stdio};
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::time::{Duration, Instant};
+
+/// How long anything may take that takes well below a second on an idle machine.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// Tells a test process that it is the one in which the body runs.
+const INSIDE: &str = "MOTES_TEST_INSIDE";
+
+/// What moves the head and the hands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Source {
+    /// Monado's simulated headset and two simple controllers.
+    Simulated,
+    /// Whoever connects to this port of the machine.
+    Remote(u16),
+}
+
+/// The service, with a folder of its own.
+pub struct Monado {
+    service: Child,
+    folder: PathBuf,
+    source: Source,
+}
+
+impl Monado {
+    /// Starts the service, with a compositor that shows nothing.
+    ///
+    /// # Panics
+    /// Where it does not start: such a machine cannot test the headset, and must not seem to.
+    #[allow(clippy::expect_used, reason = "only tests call it")]
+    pub fn start(source: Source) -> Self {
+        static COUNT: AtomicU32 = AtomicU32::new(0);
+        let unique = format!("motes-xr-{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
+        let folder = std::env::temp_dir().join(unique);
+        std::fs::create_dir_all(folder.join("config/monado")).expect("a folder for the service");
+        let private = std::fs::Permissions::from_mode(0o700);
+        std::fs::set_permissions(&folder, private).expect("a private folder for the service");
+        if let Source::Remote(port) = source {
+            let text = format!(r#"{{"active": "remote", "remote": {{"version": 0, "port": {port}}}}}"#);
+            std::fs::write(folder.join("config/monado/config_v0.json"), text)
+                .expect("the service's settings");
+        }
+        let service = serve(&folder, source);
+        Self { service, folder, source }
+    }
+
+    /// Kills the service as a crash would.
+    #[allow(clippy::expect_used, reason = "only tests call it")]
+    pub fn kill(&mut self) {
+        self.service.kill().expect("the service can be killed");
+        let _ = self.service.wait();
+    }
+
+    /// Starts the service again, after it was killed, for the same clients.
+    pub fn restart(&mut self) {
+        // A killed service leaves its socket.
+        let _ = std::fs::remove_file(self.folder.join("monado_comp_ipc"));
+        self.service = serve(&self.folder, self.source);
+    }
+
+    /// What a client's process needs to know.
+    pub fn environment(&self) -> Vec<(&'static str, OsString)> {
+        let mut variables = vec![("XDG_RUNTIME_DIR", self.folder.clone().into())];
+        if let Source::Remote(port) = self.source {
+            variables.push(("MOTES_TEST_PORT", port.to_string().into()));
+        }
+        variables
+    }
+
+    /// Ends the service as its user would, and says how it ended.
+    ///
+    /// # Panics
+    /// Where it does not end.
+    #[allow(clippy::expect_used, reason = "only tests call it")]
+    pub fn stop(&mut self) -> ExitStatus {
+        if let Some(mut input) = self.service.stdin.take() {
+            let _ = input.write_all(b"\n");
+        }
+        let begun = Instant::now();
+        loop {
+            if let Some(status) = self.service.try_wait().expect("the service can be waited for") {
+                return status;
+            }
+            assert!(begun.elapsed() < PATIENCE, "the service does not end");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+}
+
+impl Drop for Monado {
+    fn drop(&mut self) {
+        let _ = self.service.kill();
+        let _ = self.service.wait();
+        let _ = std::fs::remove_dir_all(&self.folder);
+    }
+}
+
+/// A program through the runner of the pinned driver, where there is one.
+fn through_runner(program: OsString) -> Command {
+    match std::env::var_os("MOTES_RUNNER") {
+        Some(runner) => {
+            let mut command = Command::new(runner);
+            command.arg(program);
+            command
+        }
+        None => Command::new(program),
+    }
+}
+
+#[allow(clippy::expect_used, clippy::panic, reason = "only tests call it")]
+fn serve(folder: &std::path::Path, source: Source) -> Child {
+    let Some(program) = std::env::var_os("MOTES_MONADO_SERVICE") else {
+        panic!("MOTES_MONADO_SERVICE is not set: run the tests by `cargo xtask test`");
+    };
+    let mut command = through_runner(program);
+    command
+        .env("XDG_RUNTIME_DIR", folder)
+        .env("XDG_CONFIG_HOME", folder.join("config"))
+        .env("HOME", folder)
+        .env("XRT_COMPOSITOR_NULL", "1")
+        .stdin(Stdio::piped())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped());
+    match source {
+        Source::Simulated => {
+            command
+                .env("SIMULATED_ENABLE", "1")
+                .env("SIMULATED_LEFT", "simple")
+                .env("SIMULATED_RIGHT", "simple");
+        }
+        Source::Remote(_) => {
+            command.env("P_OVERRIDE_ACTIVE_CONFIG", "remote");
+        }
+    }
+    let mut service = command.spawn().expect("the service starts");
+    let errors = service.stderr.take().expect("the service's messages");
+    let (heard, said) = channel();
+    std::thread::spawn(move || {
+        // Read to the end: a full pipe would stop the service.
+        for line in BufReader::new(errors).lines().map_while(Result::ok) {
+            let _ = heard.send(line);
+        }
+    });
+    let mut before = String::new();
+    loop {
+        match said.recv_timeout(PATIENCE) {
+            Ok(line) if line.contains("service has started") => return service,
+            Ok(line) => before += &(line + "\n"),
+            Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => {
+                let _ = service.kill();
+                panic!("Monado's service did not start:\n{before}");
+            }
+        }
+    }
+}
+
+/// A free port of this machine.
+///
+/// # Panics
+/// Where there is none.
+#[allow(clippy::expect_used, reason = "only tests call it")]
+pub fn free_port() -> u16 {
+    let listener = std::net::TcpListener::bind(("127.0.0.1", 0)).expect("a free port");
+    listener.local_addr().expect("the port's number").port()
+}
+
+/// Whether this process is the one in which a test's body runs.
+pub fn inside() -> bool {
+    std::env::var_os(INSIDE).is_some()
+}
+
+/// Starts the running test once more in a process of its own, where [`inside`] holds: a runtime's client reads the
+/// environment and keeps threads and sockets for as long as the process lives.
+///
+/// # Panics
+/// Where no process can be had.
+#[allow(clippy::expect_used, reason = "only tests call it")]
+pub fn start_inside(test: &str, environment: &[(&'static str, OsString)]) -> Child {
+    // Not `current_exe`: through the runner that would be the dynamic loader.
+    let program = std::env::args_os().next().expect("the test program's name");
+    let mut command = through_runner(program);
+    command
+        .args([test, "--exact", "--nocapture", "--test-threads=1"])
+        .env(INSIDE, "1")
+        .envs(environment.iter().map(|(name, value)| (name, value)))
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped());
+    command.spawn().expect("the test's own process starts")
+}
+
+/// Waits for a process of [`start_inside`], which must succeed; returns what it said.
+///
+/// # Panics
+/// Where it failed, with all that it said.
+#[allow(clippy::expect_used, reason = "only tests call it")]
+pub fn finish_inside(child: Child) -> String {
+    let Output { status, stdout, stderr } = child.wait_with_output().expect("the process can be waited for");
+    let text = String::from_utf8_lossy(&stdout).into_owned() + &String::from_utf8_lossy(&stderr);
+    assert!(status.success(), "{status}\n{text}");
+    // A misspelt name would run no test, and succeed.
+    assert!(text.contains("1 passed"), "the test did not run inside:\n{text}");
+    println!("{text}");
+    text
+}
+
+/// Runs a test's body in a process of its own, with a service.
+///
+/// # Panics
+/// Where the body fails, or the service does not end cleanly.
+pub fn with_monado(test: &str, source: Source, body: impl FnOnce()) {
+    if inside() {
+        let _ = env_logger::Builder::new().filter_level(log::LevelFilter::Info).is_test(false).try_init();
+        return body();
+    }
+    let mut monado = Monado::start(source);
+    finish_inside(start_inside(test, &monado.environment()));
+    let status = monado.stop();
+    assert!(status.success(), "the service ended with {status}");
+}

@@ -1,0 +1,71 @@
+//! What is shown, and from where it is seen at first.
+
+use crate::XrError;
+use glam::{DAffine3, DQuat, DVec3};
+use motes_app::framing::Framing;
+use motes_app::opened::Opened;
+use motes_renderer::gpu::Gpu;
+use motes_renderer::{Packing, SceneOnDevice, View};
+use std::sync::Arc;
+
+/// Vertical field of view that the first view is chosen for where only the scene's extent is known, radians: less than
+/// a headset's, so that the scene lies well within it.
+const FIRST_FOV: f64 = 1.2;
+
+/// From where a scene is seen at first, in the world.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FirstView {
+    /// The head's place, metres.
+    pub place: DVec3,
+    /// Where it looks.
+    pub forward: DVec3,
+    /// Whether the world's floor is known: the user stands on it then.
+    pub floor_known: bool,
+}
+
+impl FirstView {
+    /// The one that the settings name, else the data set's first camera, else one that shows the dense part.
+    pub fn of(opened: &Opened) -> Self {
+        let settings = &opened.settings;
+        let (eye, forward) = if let Some(view) = &settings.first_view {
+            (DVec3::from_array(view.position), DQuat::from_array(view.rotation) * DVec3::Z)
+        } else if let Some(camera) = opened.cameras.first() {
+            let view = View::from_camera(camera);
+            (view.eye, view.rotation.row(2))
+        } else {
+            let framing = Framing::of(&opened.scene.splats, settings);
+            let eye = framing.eye(0.0, 0.2, FIRST_FOV);
+            (eye, framing.center - eye)
+        };
+        let scene_to_world = settings.scene_to_world();
+        Self {
+            place: scene_to_world.transform_point3(eye),
+            forward: scene_to_world.transform_vector3(forward),
+            floor_known: settings.floor.is_some(),
+        }
+    }
+}
+
+/// A scene, and how it stands in the world.
+pub struct Content {
+    /// The splats.
+    pub scene: SceneOnDevice,
+    /// From scene to world: turn, scale, floor.
+    pub scene_to_world: DAffine3,
+    /// From where it is seen at first.
+    pub first_view: FirstView,
+}
+
+impl Content {
+    /// Brings an opened scene to the device.
+    ///
+    /// # Errors
+    /// The device cannot hold it; the error says what would fit.
+    pub fn new(gpu: &Arc<Gpu>, opened: &Opened, packing: Packing) -> Result<Self, XrError> {
+        Ok(Self {
+            scene: SceneOnDevice::new(gpu, &opened.scene.splats, packing)?,
+            scene_to_world: opened.settings.scene_to_world(),
+            first_view: FirstView::of(opened),
+        })
+    }
+}

@@ -1,0 +1,142 @@
+//! The one interface to a headset: a runtime behind it, or a recorded session.
+
+use crate::XrError;
+use motes_app::headset::{Eye, Input};
+use motes_renderer::Target;
+use motes_renderer::gpu::Gpu;
+use motes_renderer::order::OrderRequest;
+use serde::{Deserialize, Serialize};
+use std::fmt;
+use std::sync::Arc;
+
+/// Where a session is in its life (OpenXR 1.1, section 9.3).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SessionState {
+    /// Not ready: the headset is not worn, or another program has it.
+    Idle,
+    /// The runtime wants the session to begin.
+    Ready,
+    /// Frames are timed, and none is shown.
+    Synchronized,
+    /// Frames are shown; input goes to something else, such as the runtime's menu.
+    Visible,
+    /// Frames are shown, and input is ours.
+    Focused,
+    /// The runtime wants the session to end.
+    Stopping,
+    /// The runtime is about to lose the session.
+    LossPending,
+    /// The user or the runtime wants the program to end.
+    Exiting,
+}
+
+impl fmt::Display for SessionState {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::Idle => "idle",
+            Self::Ready => "ready",
+            Self::Synchronized => "synchronized",
+            Self::Visible => "visible",
+            Self::Focused => "focused",
+            Self::Stopping => "stopping",
+            Self::LossPending => "loss pending",
+            Self::Exiting => "exiting",
+        })
+    }
+}
+
+/// One frame between [`Headset::next`] and [`Headset::end`].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FrameTime {
+    /// When it will be shown, ns in the runtime's time.
+    pub display_time: i64,
+    /// Time between two frames, ns.
+    pub period: i64,
+    /// Whether anything that is drawn will be seen.
+    pub should_render: bool,
+    /// Whether input is ours.
+    pub focused: bool,
+}
+
+/// What [`Headset::next`] found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Step {
+    /// No frames are wanted now; a little time has passed.
+    Waiting(SessionState),
+    /// A frame has begun and must be ended.
+    Frame(FrameTime),
+    /// The session is over.
+    Ended(SessionState),
+}
+
+/// What is to be shown, how finely and in which format.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct EyeImages {
+    /// Width and height of an eye's image, pixels.
+    pub size: [u32; 2],
+    /// Format of the image, which has a layer an eye.
+    pub format: ash::vk::Format,
+}
+
+/// A headset: frames to fill, eyes to see through, hands.
+///
+/// For each frame: [`next`](Self::next), [`input`](Self::input), then, where something is drawn,
+/// [`eyes`](Self::eyes) as late as possible, [`target`](Self::target), drawing and submitting, and in any case
+/// [`end`](Self::end).
+pub trait Headset {
+    /// The device that draws.
+    fn gpu(&self) -> &Arc<Gpu>;
+
+    /// What is to be drawn.
+    fn images(&self) -> EyeImages;
+
+    /// Follows the session's life, and waits until it is time for the next frame: this is where the thread sleeps.
+    ///
+    /// # Errors
+    /// The runtime was lost.
+    fn next(&mut self) -> Result<Step, XrError>;
+
+    /// Hands and buttons at the moment the frame is shown.
+    ///
+    /// # Errors
+    /// The runtime was lost.
+    fn input(&mut self, frame: &FrameTime) -> Result<Input, XrError>;
+
+    /// Both eyes at the moment the frame is shown, left first, in the stage; none while the head is not tracked.
+    ///
+    /// # Errors
+    /// The runtime was lost.
+    fn eyes(&mut self, frame: &FrameTime) -> Result<Option<[Eye; 2]>, XrError>;
+
+    /// Which order of splats the frame is drawn in, given the newest that there is. A recorded session answers with
+    /// the one that was used then.
+    ///
+    /// # Errors
+    /// A recorded session has no more.
+    fn order(&mut self, newest: OrderRequest) -> Result<OrderRequest, XrError> {
+        Ok(newest)
+    }
+
+    /// The image to draw the frame into; waits until the compositor has let go of it.
+    ///
+    /// # Errors
+    /// The runtime was lost.
+    fn target(&mut self) -> Result<Target, XrError>;
+
+    /// The image behind [`target`](Self::target), for who wants to copy it; it is a copy's source only where that was
+    /// asked for. None where no image is being drawn into.
+    fn image(&self) -> Option<ash::vk::Image>;
+
+    /// Ends the frame. `shown` are the eyes that the image was drawn for; without them nothing is shown.
+    ///
+    /// # Errors
+    /// The runtime was lost.
+    fn end(&mut self, frame: &FrameTime, shown: Option<&[Eye; 2]>) -> Result<(), XrError>;
+
+    /// Asks for the session to end; [`Headset::next`] says when it did.
+    ///
+    /// # Errors
+    /// The runtime was lost.
+    fn request_exit(&mut self) -> Result<(), XrError>;
+}
