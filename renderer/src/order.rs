@@ -91,10 +91,13 @@ pub fn sort_front_to_back(
     buffers: &mut SortBuffers,
     order: &mut Vec<u32>,
 ) {
-    let center = (request.center - positions.origin).as_vec3();
+    // In two parts: an f32 holds a place far from the scene's origin too coarsely to tell near splats apart.
+    let from_origin = request.center - positions.origin;
+    let center = from_origin.as_vec3();
+    let rest = (from_origin - center.as_dvec3()).as_vec3();
     let forward = request.forward.as_vec3();
     let value = |i: usize| {
-        let d = positions.mean(i, request.time) - center;
+        let d = (positions.mean(i, request.time) - center) - rest;
         match request.key {
             OrderKey::Radial => d.length_squared(),
             OrderKey::Depth => d.dot(forward),

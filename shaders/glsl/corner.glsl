@@ -43,6 +43,39 @@ vec4 tile_box(vec2 center, vec2 major, vec2 minor, float k, vec2 size) {
     return vec4(max(first, center - reach), min(last, center + reach));
 }
 
+// Part of the rectangle |p| <= k, |q| <= k that the frustum lets through, as (p low, p high, q low, q high): the four
+// corners of the image on the plane through m with the given normal, in the ellipse's axes. Where the plane does not
+// reach all corners, as far as the frustum's side planes bound each axis by itself.
+vec4 seen_rectangle(float k, vec3 m, vec3 normal, vec3 axis1, vec3 axis2, vec4 tangents) {
+    vec4 r = vec4(-k, k, -k, k);
+    vec4 seen = vec4(1e38, -1e38, 1e38, -1e38);
+    bool whole = true;
+    for (int i = 0; i < 4; i++) {
+        vec3 d = vec3((i & 1) == 0 ? tangents.x : tangents.y, i < 2 ? tangents.z : tangents.w, 1.0);
+        float along = dot(normal, d);
+        whole = whole && along > 1e-3;
+        vec3 offset = d / along - m;
+        // Divided twice by the length: its square overflows for the largest, underflows for the smallest splats.
+        float p = dot(offset, axis1 / length(axis1)) / length(axis1);
+        float q = dot(offset, axis2 / length(axis2)) / length(axis2);
+        seen = vec4(min(seen.x, p), max(seen.y, p), min(seen.z, q), max(seen.w, q));
+    }
+    if (whole) return vec4(max(r.x, seen.x), min(r.y, seen.y), max(r.z, seen.z), min(r.w, seen.w));
+    vec3 planes[4] = vec3[4](vec3(1.0, 0.0, -tangents.x), vec3(-1.0, 0.0, tangents.y), vec3(0.0, 1.0, -tangents.z),
+                             vec3(0.0, -1.0, tangents.w));
+    for (int i = 0; i < 4; i++) {
+        // n·m + p n·axis1 + q n·axis2 >= 0, with the other coordinate where it helps most.
+        vec3 f = vec3(dot(planes[i], m), dot(planes[i], axis1), dot(planes[i], axis2));
+        float p = -(f.x + max(r.z * f.z, r.w * f.z)) / f.y;
+        if (f.y > 0.0) r.x = clamp(p, r.x, r.y);
+        if (f.y < 0.0) r.y = clamp(p, r.x, r.y);
+        float q = -(f.x + max(r.x * f.y, r.y * f.y)) / f.z;
+        if (f.z > 0.0) r.z = clamp(q, r.z, r.w);
+        if (f.z < 0.0) r.w = clamp(q, r.z, r.w);
+    }
+    return r;
+}
+
 const vec4 OUTSIDE = vec4(2.0, 2.0, 2.0, 1.0);
 
 struct Corner {
@@ -109,6 +142,13 @@ Corner splat_corner(uint corner, vec3 m, vec2 major, float ratio, float opacity,
             unit = grown(unit, unit, e);
             pq = reach.center + vec2(l11 * unit.x, l21 * unit.x + l22 * unit.y);
         }
+    } else if (k * length(major) > 16.0) {
+        // A polygon far larger than the image: the rasteriser would interpolate between corners so far away that a pixel
+        // falls between two floats. What the image sees of it is a rectangle along the axes.
+        vec3 normal = PROJECTION == PROJECTION_AFFINE ? vec3(0.0, 0.0, 1.0) : m;
+        vec4 seen = seen_rectangle(k, m, normal, major.x * u + major.y * v, minor.x * u + minor.y * v, view.tangents);
+        vec2 side = SHAPE == SHAPE_OCTAGON ? sign(unit) : SHAPE == SHAPE_DIAMOND ? vec2(unit.x + unit.y, unit.y - unit.x) : unit;
+        pq = mix(seen.xz, seen.yw, 0.5 * side + 0.5);
     } else if (SHAPE == SHAPE_AXIS_ALIGNED) {
         vec2 ab = k * unit * sqrt(vec2(major.x * major.x + minor.x * minor.x, major.y * major.y + minor.y * minor.y));
         if (SAMPLING != SAMPLING_CENTERS) {

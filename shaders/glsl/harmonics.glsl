@@ -22,7 +22,7 @@ vec3 sh_coefficient(uint splat, uint k, float byte_scale) {
     return vec3((bytes ^ 0x80) - 0x80) * byte_scale;
 }
 
-// Colour seen along the unit direction d (from the eye to the splat, scene axes), never negative.
+// Colour seen along the unit direction d (from the eye to the splat, scene axes), never negative, at most 60000.
 vec3 splat_color(uint i, vec3 base, vec3 d) {
     vec3 c = base;
     if (SH_DEGREE > 0u) {
@@ -46,7 +46,8 @@ vec3 splat_color(uint i, vec3 base, vec3 d) {
             }
         }
     }
-    return max(c, vec3(0.0));
+    // Blended weights sum to one, so that no pixel exceeds the half floats that it is blended in.
+    return clamp(c, vec3(0.0), vec3(6e4));
 }
 
 #endif

@@ -69,7 +69,7 @@ const float MAX_ALPHA = 0.99;
 const float HALF_LOG2_E = 0.72134752;
 
 struct ViewData {
-    vec4 rotation[3]; // rows of the scene-to-eye rotation
+    vec4 rotation[3]; // rows of the scene-to-eye rotation; in w what an f32 cannot hold of the eye's x, y, z
     vec4 eye;         // the eye in scene axes, relative to the scene's origin, metres
     vec4 tangents;    // left, right, up, down
     vec4 image;       // focal length x and y, width, height: pixels of the rendered image

@@ -127,7 +127,10 @@ Ellipse project_splat(Splat s, ViewData view) {
     if (!(s.opacity >= max(frame.cull.z, MIN_ALPHA))) return e;
 
     mat3 eye = eye_rotation(view);
-    vec3 mean = eye * (s.mean - view.eye.xyz);
+    // The eye in two parts: one f32 holds a place 100 km from the scene's origin to 8 mm only. Near the eye, where it
+    // matters, the first difference is exact.
+    vec3 eye_rest = vec3(view.rotation[0].w, view.rotation[1].w, view.rotation[2].w);
+    vec3 mean = eye * ((s.mean - view.eye.xyz) - eye_rest);
     bool affine = PROJECTION == PROJECTION_AFFINE;
     float depth = affine ? mean.z : length(mean);
     if (!(depth > frame.cull.x)) return e;
@@ -177,6 +180,17 @@ Ellipse project_splat(Splat s, ViewData view) {
         kx = vec3(0.0);
         ky = vec3(0.0);
     }
+    // Everything in units of the largest entry: neither the determinant of a tiny splat underflows, nor a huge one's
+    // overflows. Ratios of minors do not change.
+    vec3 most = max(max(abs(a1), abs(a2)), vec3(max(abs(kx.x), abs(kx.y)), max(abs(ky.x), abs(ky.y)), 0.0));
+    float unit = max(max(most.x, most.y), most.z);
+    if (!(unit > 0.0)) return e;
+    float inverse_unit = 1.0 / unit;
+    a1 *= inverse_unit;
+    a2 *= inverse_unit;
+    a3 *= inverse_unit;
+    kx *= inverse_unit;
+    ky *= inverse_unit;
     // Covariance in the plane; its determinant as a sum of squared 2 x 2 minors (Cauchy-Binet), without a difference.
     vec3 covariance = vec3(dot(a1, a1), dot(a1, a2), dot(a2, a2));
     covariance += vec3(kx.x * kx.x + ky.x * ky.x, kx.x * kx.y + ky.x * ky.y, kx.y * kx.y + ky.y * ky.y);
@@ -209,7 +223,8 @@ Ellipse project_splat(Splat s, ViewData view) {
         direction = vec2(sqrt(max(0.0, 0.5 + 0.5 * c2)), sqrt(max(0.0, 0.5 - 0.5 * c2)));
         direction.y = covariance.y < 0.0 ? -direction.y : direction.y;
         sigma1 = sqrt(lambda1);
-        sigma2 = min(sqrt(det) / sigma1, sigma1);
+        sigma2 = unit * min(sqrt(det) / sigma1, sigma1);
+        sigma1 *= unit;
     }
     float k = polygon_radius(e.opacity);
 

@@ -29,7 +29,7 @@ pub const MOTION_SLOTS: u32 = 2;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct ViewData {
-    /// Rows of the scene-to-eye rotation.
+    /// Rows of the scene-to-eye rotation; last what an f32 cannot hold of the eye's x, y, z.
     pub rotation: [[f32; 4]; 3],
     /// The eye in scene axes, relative to the scene's origin, metres.
     pub eye: [f32; 4],

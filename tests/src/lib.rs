@@ -5,6 +5,7 @@ pub mod golden;
 pub mod monado;
 #[cfg(unix)]
 pub mod remote;
+pub mod hard;
 
 use motes_renderer::gpu::{Gpu, GpuOptions};
 use std::ops::Deref;

@@ -70,18 +70,20 @@ pub(super) fn frame_data(request: &DrawRequest<'_>, reduction: &Reduction) -> Fr
         Sampling::Centers => resolution.rendered,
         Sampling::Interleaved => resolution.shown,
     };
-    let row = |v: DVec3| v.as_vec3().extend(0.0).to_array();
+    let row = |v: DVec3, rest: f32| v.as_vec3().extend(rest).to_array();
     let [width, height] = filtered.map(|s| s as f32);
     let covered = resolution.covered();
     let beyond = [0, 1].map(|i| covered[i] / f64::from(resolution.shown[i]));
     for (out, view) in data.views.iter_mut().zip(views) {
         let rows = view.rotation.transpose();
+        let eye = view.eye - scene.origin;
+        let rest = (eye - eye.as_vec3().as_dvec3()).as_vec3();
         let f = view.fov;
         let [fx, fy] = View { size: filtered, ..*view }.focal();
         let (right, down) = (f.left + (f.right - f.left) * beyond[0], f.up + (f.down - f.up) * beyond[1]);
         *out = ViewData {
-            rotation: [row(rows.x_axis), row(rows.y_axis), row(rows.z_axis)],
-            eye: (view.eye - scene.origin).as_vec3().extend(0.0).to_array(),
+            rotation: [row(rows.x_axis, rest.x), row(rows.y_axis, rest.y), row(rows.z_axis, rest.z)],
+            eye: eye.as_vec3().extend(0.0).to_array(),
             tangents: [f.left as f32, right as f32, f.up as f32, down as f32],
             image: [fx as f32, fy as f32, width, height],
         };
@@ -104,7 +106,7 @@ pub(super) fn frame_data(request: &DrawRequest<'_>, reduction: &Reduction) -> Fr
     data.shown = [shown_width, shown_height, resolution.largest_offset() as f32 * pixel, rendered / filtered];
     for (rows, matrix) in data.reprojection.chunks_exact_mut(3).zip(reprojection) {
         let columns = matrix.transpose();
-        rows.copy_from_slice(&[row(columns.x_axis), row(columns.y_axis), row(columns.z_axis)]);
+        rows.copy_from_slice(&[row(columns.x_axis, 0.0), row(columns.y_axis, 0.0), row(columns.z_axis, 0.0)]);
     }
     data
 }
