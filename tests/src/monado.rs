@@ -45,7 +45,8 @@ impl Monado {
         let private = std::fs::Permissions::from_mode(0o700);
         std::fs::set_permissions(&folder, private).expect("a private folder for the service");
         if let Source::Remote(port) = source {
-            let text = format!(r#"{{"active": "remote", "remote": {{"version": 0, "port": {port}}}}}"#);
+            let remote = format!(r#"{{"version": 0, "port": {port}, "view_count": 2}}"#);
+            let text = format!(r#"{{"active": "remote", "remote": {remote}}}"#);
             std::fs::write(folder.join("config/monado/config_v0.json"), text)
                 .expect("the service's settings");
         }

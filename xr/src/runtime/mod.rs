@@ -32,6 +32,13 @@ pub struct RuntimeOptions {
     pub readable: bool,
 }
 
+/// What a loader needs to know of its system: on Android the virtual machine and the activity, elsewhere nothing.
+#[cfg(target_os = "android")]
+pub type Platform = xr::AndroidPlatformInfo;
+/// What a loader needs to know of its system: on Android the virtual machine and the activity, elsewhere nothing.
+#[cfg(not(target_os = "android"))]
+pub type Platform = ();
+
 /// A running OpenXR runtime with a headset.
 pub struct Runtime {
     // Before the instance: it is told through it.
@@ -49,21 +56,7 @@ impl Runtime {
     ///
     /// # Errors
     /// No loader, no runtime, a runtime that does not run, no headset; each says what to do.
-    #[cfg(not(target_os = "android"))]
-    pub fn new(options: RuntimeOptions) -> Result<Self, XrError> {
-        Self::on(&(), options)
-    }
-
-    /// Finds the runtime of an Android device.
-    ///
-    /// # Errors
-    /// As on other systems.
-    #[cfg(target_os = "android")]
-    pub fn new(platform: &xr::AndroidPlatformInfo, options: RuntimeOptions) -> Result<Self, XrError> {
-        Self::on(platform, options)
-    }
-
-    fn on(platform: &impl xr::PlatformInfo, options: RuntimeOptions) -> Result<Self, XrError> {
+    pub fn new(platform: &Platform, options: RuntimeOptions) -> Result<Self, XrError> {
         // SAFETY: the loader in the system's search path is OpenXR's.
         let entry = unsafe { xr::Entry::load(platform) }.map_err(|e| match e {
             xr::EntryError::Load(e) => XrError::NoLoader(e.to_string()),
