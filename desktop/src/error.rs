@@ -38,6 +38,9 @@ pub enum CommandError {
     /// Arguments that do not fit together, or a name that does not exist.
     #[error("{0}")]
     Usage(String),
+    /// The headset.
+    #[error(transparent)]
+    Headset(#[from] motes_xr::XrError),
     /// A bench.
     #[error(transparent)]
     Bench(#[from] crate::bench::BenchError),

@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use motes_desktop::commands::{bench, compare, golden, info, render};
+use motes_desktop::commands::{bench, compare, golden, info, render, xr};
 
 /// Viewer for 3-D and 4-D Gaussian splatting scenes.
 #[derive(Parser)]
@@ -20,16 +20,25 @@ enum Command {
     Compare(compare::CompareArgs),
     Bench(bench::BenchArgs),
     Golden(golden::GoldenArgs),
+    Xr(xr::XrArgs),
 }
 
 fn main() -> ExitCode {
-    env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("error")).init();
-    let result = match Cli::parse().command {
+    let command = Cli::parse().command;
+    // Which runtime, headset and extensions are in use is what users of a headset need to tell.
+    let filter = if matches!(command, Command::Xr(_)) { "warn,motes_xr=info" } else { "error" };
+    env_logger::Builder::from_env(env_logger::Env::default().default_filter_or(filter)).init();
+    let result = match command {
         Command::Info(args) => info::run(&args).map_err(|e| e.to_string()),
         Command::Render(args) => render::run(&args).map_err(|e| e.to_string()),
         Command::Compare(args) => compare::run(&args).map_err(|e| e.to_string()),
         Command::Bench(args) => bench::run(&args).map_err(|e| e.to_string()),
         Command::Golden(args) => golden::run(&args).map_err(|e| e.to_string()),
+        Command::Xr(args) => match xr::run(&args) {
+            Ok(xr::Outcome::Shown) => Ok(()),
+            Ok(xr::Outcome::Window(reason)) => Err(reason),
+            Err(e) => Err(e.to_string()),
+        },
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

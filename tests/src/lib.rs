@@ -1,11 +1,11 @@
 //! What the tests that go through more than one crate share.
 
 pub mod golden;
+pub mod hard;
 #[cfg(unix)]
 pub mod monado;
 #[cfg(unix)]
 pub mod remote;
-pub mod hard;
 
 use motes_renderer::gpu::{Gpu, GpuOptions};
 use std::ops::Deref;

@@ -1,12 +1,12 @@
 //! Monado, a real OpenXR runtime, for tests: its service, and test bodies that run with it in a process of their own.
 
 use std::ffi::OsString;
-use std::io::{BufRead, BufReader, Write};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::path::PathBuf;
-use std::process::{Child, Command, ExitStatus, Output, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
 /// How long anything may take that takes well below a second on an idle machine.
@@ -179,39 +179,96 @@ pub fn inside() -> bool {
     std::env::var_os(INSIDE).is_some()
 }
 
-/// Starts the running test once more in a process of its own, where [`inside`] holds: a runtime's client reads the
-/// environment and keeps threads and sockets for as long as the process lives.
-///
-/// # Panics
-/// Where no process can be had.
-#[allow(clippy::expect_used, reason = "only tests call it")]
-pub fn start_inside(test: &str, environment: &[(&'static str, OsString)]) -> Child {
-    // Not `current_exe`: through the runner that would be the dynamic loader.
-    let program = std::env::args_os().next().expect("the test program's name");
-    let mut command = through_runner(program);
-    command
-        .args([test, "--exact", "--nocapture", "--test-threads=1"])
-        .env(INSIDE, "1")
-        .envs(environment.iter().map(|(name, value)| (name, value)))
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped());
-    command.spawn().expect("the test's own process starts")
+/// The running test once more, in a process of its own where [`inside`] holds: a runtime's client reads the environment
+/// and keeps threads and sockets for as long as its process lives.
+pub struct Inside {
+    process: Child,
+    lines: Receiver<String>,
+    said: String,
 }
 
-/// Waits for a process of [`start_inside`], which must succeed; returns what it said.
-///
-/// # Panics
-/// Where it failed, with all that it said.
-#[allow(clippy::expect_used, reason = "only tests call it")]
-pub fn finish_inside(child: Child) -> String {
-    let Output { status, stdout, stderr } = child.wait_with_output().expect("the process can be waited for");
-    let text = String::from_utf8_lossy(&stdout).into_owned() + &String::from_utf8_lossy(&stderr);
-    assert!(status.success(), "{status}\n{text}");
-    // A misspelt name would run no test, and succeed.
-    assert!(text.contains("1 passed"), "the test did not run inside:\n{text}");
-    println!("{text}");
-    text
+impl Inside {
+    /// Starts it.
+    ///
+    /// # Panics
+    /// Where no process can be had.
+    #[allow(clippy::expect_used, reason = "only tests call it")]
+    pub fn start(test: &str, environment: &[(&'static str, OsString)]) -> Self {
+        // Not `current_exe`: through the runner that would be the dynamic loader.
+        let program = std::env::args_os().next().expect("the test program's name");
+        let mut process = through_runner(program)
+            .args([test, "--exact", "--nocapture", "--test-threads=1"])
+            .env(INSIDE, "1")
+            .envs(environment.iter().map(|(name, value)| (name, value)))
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("the test's own process starts");
+        let (heard, lines) = channel();
+        let outputs: [Box<dyn Read + Send>; 2] = [
+            Box::new(process.stdout.take().expect("the process's output")),
+            Box::new(process.stderr.take().expect("the process's messages")),
+        ];
+        for output in outputs {
+            let heard = heard.clone();
+            std::thread::spawn(move || {
+                for line in BufReader::new(output).lines().map_while(Result::ok) {
+                    let _ = heard.send(line);
+                }
+            });
+        }
+        Self { process, lines, said: String::new() }
+    }
+
+    /// Waits until it says something.
+    ///
+    /// # Panics
+    /// Where it never does, with all that it said.
+    #[allow(clippy::panic, reason = "only tests call it")]
+    pub fn wait_for(&mut self, text: &str) {
+        loop {
+            match self.lines.recv_timeout(PATIENCE) {
+                Ok(line) => {
+                    self.said += &(line.clone() + "\n");
+                    if line.contains(text) {
+                        return;
+                    }
+                }
+                Err(_) => panic!("it never said '{text}':\n{}", self.said),
+            }
+        }
+    }
+
+    /// Waits for its end, which must be a success; returns what it said.
+    ///
+    /// # Panics
+    /// Where it failed, with all that it said.
+    #[allow(clippy::expect_used, reason = "only tests call it")]
+    pub fn finish(mut self) -> String {
+        while let Ok(line) = self.lines.recv_timeout(PATIENCE) {
+            self.said += &(line + "\n");
+        }
+        let status = self.process.wait().expect("the process can be waited for");
+        let said = std::mem::take(&mut self.said);
+        assert!(status.success(), "{status}\n{said}");
+        // A misspelt name would run no test, and succeed.
+        assert!(said.contains("1 passed"), "the test did not run inside:\n{said}");
+        println!("{said}");
+        said
+    }
+}
+
+impl Drop for Inside {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+/// Sends the log where [`Inside`] hears it.
+pub fn log_to_stderr() {
+    let _ = env_logger::Builder::new().filter_level(log::LevelFilter::Info).try_init();
 }
 
 /// Runs a test's body in a process of its own, with a service.
@@ -220,11 +277,11 @@ pub fn finish_inside(child: Child) -> String {
 /// Where the body fails, or the service does not end cleanly.
 pub fn with_monado(test: &str, source: Source, body: impl FnOnce()) {
     if inside() {
-        let _ = env_logger::Builder::new().filter_level(log::LevelFilter::Info).is_test(false).try_init();
+        log_to_stderr();
         return body();
     }
     let mut monado = Monado::start(source);
-    finish_inside(start_inside(test, &monado.environment()));
+    Inside::start(test, &monado.environment()).finish();
     let status = monado.stop();
     assert!(status.success(), "the service ended with {status}");
 }

@@ -14,7 +14,8 @@ use motes_tests::monado::{Source, free_port, with_monado};
 use motes_tests::remote::{Remote, RemoteControl, RemotePose};
 use motes_tests::sample;
 use motes_xr::{
-    Content, FirstView, Headset, Runtime, RuntimeHeadset, RuntimeOptions, SessionOptions, SessionState, Viewer,
+    Content, FirstView, Headset, Runtime, RuntimeHeadset, RuntimeOptions, SessionOptions, SessionState,
+    Viewer,
 };
 use std::sync::Arc;
 
@@ -100,7 +101,8 @@ fn view(remote: &Remote, eye: usize, placement: &Placement, to_world: &DAffine3,
     let [left, right, up, down] = remote.fovs[eye].map(|a| f64::from(a).tan());
     let world_to_scene = to_world.inverse();
     let place = world_to_scene.transform_point3(placement.to_world(place));
-    let turn = DQuat::from_mat3(&(world_to_scene.matrix3 * world_to_scene.matrix3.determinant().cbrt().recip()));
+    let turn =
+        DQuat::from_mat3(&(world_to_scene.matrix3 * world_to_scene.matrix3.determinant().cbrt().recip()));
     let fov = motes_renderer::Fov { left, right, up: -up, down: -down };
     View::from_gl_pose(turn * placement.turn() * rotation, place, fov, size)
 }

@@ -6,9 +6,9 @@ use motes_renderer::Packing;
 use motes_renderer::gpu::Gpu;
 use motes_scenes::{CancelToken, LoadOptions, SceneError};
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
-use std::sync::Arc;
 use std::thread::JoinHandle;
 
 /// What loading ends with.

@@ -2,8 +2,8 @@
 
 use crate::loader::{LoadError, Loader, SceneSource};
 use crate::{
-    Headset, Platform, Recorder, Runtime, RuntimeHeadset, RuntimeOptions, SessionOptions, SessionState, Viewer,
-    XrError,
+    Headset, Platform, Recorder, Runtime, RuntimeHeadset, RuntimeOptions, SessionOptions, SessionState,
+    Viewer, XrError,
 };
 use motes_app::headset::Comfort;
 use motes_renderer::{Packing, RenderConfig};

@@ -10,6 +10,7 @@ mod locomotion;
 mod panel;
 mod placement;
 mod pose;
+mod settings;
 
 pub use comfort::{Comfort, Vignette};
 pub use input::{Hand, HandInput, Input};
@@ -17,3 +18,4 @@ pub use locomotion::Locomotion;
 pub use panel::{PANEL_SIZE, Panel, PanelEvents};
 pub use placement::{Placement, yaw_of};
 pub use pose::{Eye, EyeFov, Pose};
+pub use settings::{HeadsetSettings, SettingsError};

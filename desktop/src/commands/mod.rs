@@ -5,3 +5,4 @@ pub mod compare;
 pub mod golden;
 pub mod info;
 pub mod render;
+pub mod xr;

@@ -1,0 +1,109 @@
+//! `motes xr`: a scene in a headset.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use motes_app::headset::HeadsetSettings;
+use motes_renderer::{Packing, RenderConfig};
+use motes_scenes::settings::Settings;
+use motes_xr::bindings::Bindings;
+use motes_xr::{RuntimeOptions, SceneSource, SessionOptions, ShowError, ShowOptions, show};
+
+use crate::config_args::ConfigArgs;
+use crate::error::CommandError;
+
+/// Show scenes in a headset (any OpenXR runtime)
+#[derive(Clone, Debug, clap::Args)]
+pub struct XrArgs {
+    /// Scene files or folders, merged (the sample, where none is named)
+    pub scenes: Vec<PathBuf>,
+    /// Comfort options and bindings (a JSON file; the defaults, where there is none)
+    #[arg(long, value_name = "FILE")]
+    pub settings: Option<PathBuf>,
+    /// Everything on the other hand
+    #[arg(long)]
+    pub left_handed: bool,
+    /// Record the session into a file, for `--replay` and tests
+    #[arg(long, value_name = "FILE")]
+    pub record: Option<PathBuf>,
+    /// End after as many frames (0: when the user ends it)
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub frames: u64,
+    /// How long a runtime that is lost in mid-session is waited for
+    #[arg(long, value_name = "SECONDS", default_value_t = 60)]
+    pub patience: u64,
+    /// Fail where there is no headset, instead of opening a window
+    #[arg(long)]
+    pub no_window: bool,
+    /// With OpenXR's and Vulkan's validation layers
+    #[arg(long)]
+    pub validation: bool,
+    #[command(flatten)]
+    config: ConfigArgs,
+}
+
+impl XrArgs {
+    /// How a frame is drawn.
+    pub fn config(&self) -> RenderConfig {
+        self.config.config()
+    }
+}
+
+/// How `motes xr` ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// The user ended the session.
+    Shown,
+    /// There is no headset, for this reason: a window is to be opened instead.
+    Window(String),
+}
+
+/// Shows scenes in the headset until the user leaves.
+///
+/// # Errors
+/// A scene or settings file cannot be used, or the runtime was lost for good; without a headset only where no window
+/// may stand in.
+pub fn run(args: &XrArgs) -> Result<Outcome, CommandError> {
+    for scene in &args.scenes {
+        // Said at once, rather than in the headset.
+        std::fs::metadata(scene).map_err(CommandError::io(scene))?;
+        Settings::load(scene)?;
+    }
+    let mut settings = match &args.settings {
+        Some(file) => {
+            std::fs::metadata(file).map_err(CommandError::io(file))?;
+            HeadsetSettings::<Bindings>::load(file).map_err(|e| CommandError::Usage(e.to_string()))?
+        }
+        None => HeadsetSettings::default(),
+    };
+    settings.comfort.left_handed |= args.left_handed;
+    let config = args.config();
+    let options = ShowOptions {
+        source: SceneSource::Files(args.scenes.clone()),
+        packing: Packing::of_config(&config),
+        comfort: settings.comfort,
+        session: SessionOptions {
+            resolution_scale: config.resolution_scale,
+            left_handed: settings.comfort.left_handed,
+            bindings: settings.bindings,
+        },
+        // The session draws at this size: nothing is left to bring back to full size.
+        config: RenderConfig { resolution_scale: 1.0, ..config },
+        runtime: RuntimeOptions { validation: args.validation, readable: false },
+        record: args.record.clone(),
+        frames: args.frames,
+        patience: Duration::from_secs(args.patience),
+    };
+    match show(&(), &options) {
+        Ok(visit) => {
+            eprintln!(
+                "{} frames; the runtime was lost and found again {} times",
+                visit.frames, visit.recoveries
+            );
+            Ok(Outcome::Shown)
+        }
+        Err(error) if error.is_absent() && !args.no_window => Ok(Outcome::Window(error.to_string())),
+        Err(ShowError::Headset(error)) => Err(CommandError::Headset(error)),
+        Err(error) => Err(CommandError::Usage(error.to_string())),
+    }
+}
