@@ -169,7 +169,7 @@ fn focus_lost_to_a_second_client_comes_back() {
     let mut environment = monado.environment();
     environment.push(("MOTES_TEST_SECOND", "1".into()));
     let second = Inside::start(name, &environment);
-    first.wait_for("now visible");
+    first.wait_for("now synchronized");
     second.finish();
     first.wait_for("now focused");
     first.finish();
