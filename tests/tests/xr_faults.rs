@@ -1,5 +1,5 @@
 //! What goes wrong with a headset's session: the behaviour and the message of each.
-#![allow(clippy::unwrap_used, reason = "a test may")]
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a test may")]
 
 use clap::Parser;
 use motes_app::headset::Comfort;

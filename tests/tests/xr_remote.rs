@@ -1,5 +1,5 @@
 //! Head and hands driven from outside, through the whole stack: packets to Monado, OpenXR, the viewer, pixels.
-#![allow(clippy::unwrap_used, reason = "a test may")]
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a test may")]
 
 use glam::{DAffine3, DQuat, DVec3};
 use motes_app::headset::{Comfort, EyeFov, Placement};
