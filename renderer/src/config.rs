@@ -151,10 +151,20 @@ axis!(
     Sorter = "sort" {
         /// Worker thread, newest finished order is used.
         Cpu = "cpu",
-        /// Radix sort on the device, every frame.
+        /// Radix sort on the device.
         Gpu = "gpu",
         /// Nobody: hashed transparency, averaged over frames.
         Stochastic = "stochastic",
+    }
+);
+
+axis!(
+    /// Which splats of a moving scene a frame looks at.
+    TimeCull = "time-cull" {
+        /// Those that an index lists as alive around the frame's time.
+        Index = "index",
+        /// All of them.
+        Off = "none",
     }
 );
 
@@ -242,10 +252,12 @@ pub struct RenderConfig {
     pub key_bits: KeyBits,
     /// Who sorts.
     pub sorter: Sorter,
-    /// An own order for each eye instead of one from the midpoint.
+    /// An own order for each eye instead of one from the midpoint. Two passes then, and twice the sorting.
     pub sort_per_eye: bool,
     /// A new order every n-th frame (1: always the newest).
     pub sort_interval: u32,
+    /// Which splats of a moving scene a frame looks at.
+    pub time_cull: TimeCull,
     /// The direction of blending.
     pub composite: Composite,
     /// Early stop: batches per frame, `2 ..= 32`.
@@ -294,6 +306,7 @@ impl Default for RenderConfig {
             sorter: Sorter::Cpu,
             sort_per_eye: false,
             sort_interval: 1,
+            time_cull: TimeCull::Index,
             composite: Composite::EarlyStop,
             batches: 8,
             stop_below: 1.0 / 255.0,
@@ -357,6 +370,9 @@ impl RenderConfig {
         }
         if !in_range(self.stop_below, 0.0, 1.0) {
             return refuse(format!("stop-below is a transmittance, 0 to 1, not {}", self.stop_below));
+        }
+        if self.sort_interval == 0 {
+            return refuse("sort-interval is a number of frames from 1, not 0".into());
         }
         if !(0.0..=3.0).contains(&f32::from(self.sh_degree)) {
             return refuse(format!("sh-degree must be 0 to 3, not {}", self.sh_degree));

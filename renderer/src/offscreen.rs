@@ -1,13 +1,12 @@
 //! Pictures without a window: an image, a frame drawn into it, its pixels read back.
 
 use crate::gpu::{Buffer, Gpu, GpuError, Image, ImageDescription};
-use crate::order::{OrderRequest, SortBuffers, SplatOrder, sort_front_to_back};
-use crate::renderer::{DrawRequest, Renderer, Stereo, Target, midpoint};
+use crate::order::{OrderRequest, SortBuffers, SplatOrder};
+use crate::renderer::{DrawRequest, Renderer, Stereo, Target};
 use crate::report::FrameReport;
 use crate::scene::SceneOnDevice;
-use crate::{RenderConfig, View};
+use crate::{RenderConfig, Sorter, View};
 use ash::vk;
-use glam::DVec3;
 use gpu_allocator::MemoryLocation;
 use half::f16;
 use std::sync::Arc;
@@ -59,7 +58,11 @@ pub struct Offscreen {
     readback: Option<Buffer>,
     buffers: SortBuffers,
     order: SplatOrder,
-    stereo: Stereo,
+    /// Scene of the order.
+    order_of: u64,
+    /// Frames since the order was made.
+    order_age: u32,
+    stereo: Option<Stereo>,
 }
 
 impl Offscreen {
@@ -68,14 +71,15 @@ impl Offscreen {
     /// # Errors
     /// The driver's.
     pub fn new(gpu: &Arc<Gpu>) -> Result<Self, GpuError> {
-        let stereo = if gpu.capabilities.multiview { Stereo::Multiview } else { Stereo::TwoPass };
         Ok(Self {
             renderer: Renderer::new(gpu)?,
             image: None,
             readback: None,
             buffers: SortBuffers::default(),
             order: SplatOrder::default(),
-            stereo,
+            order_of: 0,
+            order_age: 0,
+            stereo: None,
         })
     }
 
@@ -84,22 +88,43 @@ impl Offscreen {
         &mut self.renderer
     }
 
-    /// Chooses how stereo is drawn.
+    /// Chooses how stereo is drawn. Without a choice: in one pass where the device can and both eyes share an order.
     pub fn set_stereo(&mut self, stereo: Stereo) {
-        self.stereo = stereo;
+        self.stereo = Some(stereo);
     }
 
-    /// Sorts for the views' midpoint. Done by [`Offscreen::render`] too; on its own to tell sorting from drawing.
+    /// Sorts for these views, unless the last order still serves for a frame or more ([`RenderConfig::sort_interval`]).
+    /// Done by [`Offscreen::render`] too; on its own to tell sorting from drawing. Where the device sorts it does so
+    /// within the frame.
     pub fn sort(&mut self, scene: &SceneOnDevice, views: &[View], config: &RenderConfig) {
-        let request = OrderRequest {
-            key: config.order,
-            bits: config.key_bits,
-            center: midpoint(views),
-            forward: views.first().map_or(DVec3::Z, |v| v.rotation.row(2)),
-            time: config.time,
-        };
-        sort_front_to_back(&scene.positions, &request, &mut self.buffers, &mut self.order.indices);
-        self.order.made(request);
+        if config.sorter != Sorter::Cpu {
+            return;
+        }
+        let request = OrderRequest::new(views, config);
+        let same_kind = self.order.made_for.is_some_and(|made| {
+            made.key == request.key
+                && made.bits == request.bits
+                && made.second.is_some() == request.second.is_some()
+                && made.time_cull == request.time_cull
+        });
+        self.order_age += 1;
+        if self.order_of == scene.id && same_kind && self.order_age < config.sort_interval {
+            return;
+        }
+        self.order.sort(&scene.positions, &request, &mut self.buffers);
+        self.order_of = scene.id;
+        self.order_age = 0;
+    }
+
+    /// How stereo is drawn: as was chosen, else in one pass where the device can and both eyes share an order.
+    fn stereo_for(&self, config: &RenderConfig) -> Stereo {
+        self.stereo.unwrap_or({
+            if self.renderer.gpu().capabilities.multiview && !config.sort_per_eye {
+                Stereo::Multiview
+            } else {
+                Stereo::TwoPass
+            }
+        })
     }
 
     /// Draws one frame of one or two views in the order of the last [`Offscreen::sort`], without reading it back.
@@ -237,10 +262,11 @@ impl Offscreen {
             layout: vk::ImageLayout::TRANSFER_SRC_OPTIMAL,
             background_alpha: 1.0,
         };
+        let stereo = self.stereo_for(config);
         let frame = self.renderer.begin()?;
         self.renderer.draw(
             &frame,
-            &DrawRequest { scene, order: &self.order, views, config, target: &target, stereo: self.stereo },
+            &DrawRequest { scene, order: &self.order, views, config, target: &target, stereo },
         )?;
         let source = match read {
             Read::Nothing => None,

@@ -17,7 +17,7 @@ pub struct FrameReport {
     pub pixels: u64,
     /// Shown pixels of all views: more, where the resolution is reduced.
     pub shown_pixels: u64,
-    /// Device time of the order's upload, ns. 0 where the device has no timestamps.
+    /// Device time of the order, uploaded or sorted, ns. 0 where the device has no timestamps.
     pub upload_ns: f64,
     /// Device time of the compute passes before drawing, ns.
     pub prepare_ns: f64,

@@ -1,7 +1,8 @@
 //! A scene on the device.
 
 use crate::gpu::{Buffer, Gpu, GpuError};
-use crate::order::Positions;
+use crate::TimeCull;
+use crate::order::{OrderRequest, Positions};
 use crate::packing::Packing;
 use crate::upload::Uploader;
 use ash::vk;
@@ -11,6 +12,7 @@ use motes_scenes::Splats;
 use motes_shaders::layout::{MOTION_SHIFT, MOTION_SLOTS, MOTION_WORDS, STREAM_SLOTS};
 use rayon::prelude::*;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// One attribute stream, split over bindings of at most the device's limit at a power of two of splats.
 pub struct Stream {
@@ -31,6 +33,8 @@ impl Stream {
 
 /// A scene on the device, and what sorting needs of it on the processor.
 pub struct SceneOnDevice {
+    /// Differs between any two scenes of the program.
+    pub id: u64,
     /// Number of splats.
     pub splats: u32,
     /// The scene's origin, subtracted from every position.
@@ -47,6 +51,14 @@ pub struct SceneOnDevice {
     pub moving: bool,
     /// Positions for sorting.
     pub positions: Arc<Positions>,
+    /// The lists of [`AliveIndex`](crate::order::AliveIndex), where the scene has them.
+    alive: Option<Buffer>,
+}
+
+/// The splats that a sort on the device looks at: a part of a list of lists.
+pub(crate) struct Listed<'a> {
+    pub entries: &'a Buffer,
+    pub range: std::ops::Range<usize>,
 }
 
 impl SceneOnDevice {
@@ -72,7 +84,23 @@ impl SceneOnDevice {
         let motion = stream("motion", motion_words, MOTION_SLOTS, Some(MOTION_SHIFT), &|first, words| {
             packing.motion(splats, first, words);
         })?;
+        let positions = Arc::new(Positions::of(splats));
+        let alive = match positions.alive() {
+            None => None,
+            Some(index) => {
+                let entries = index.entries();
+                let usage = vk::BufferUsageFlags::STORAGE_BUFFER | vk::BufferUsageFlags::TRANSFER_DST;
+                let bytes = 4 * entries.len() as u64;
+                let buffer = Buffer::new(gpu, "alive splats", bytes, usage, MemoryLocation::GpuOnly)?;
+                uploader.fill(&buffer, entries.len(), 1, |at, chunk| {
+                    chunk.copy_from_slice(&entries[at..at + chunk.len()]);
+                })?;
+                Some(buffer)
+            }
+        };
+        static SCENES: AtomicU64 = AtomicU64::new(1);
         Ok(Self {
+            id: SCENES.fetch_add(1, Ordering::Relaxed),
             splats: splats.len() as u32,
             origin: splats.origin.into(),
             packing,
@@ -80,13 +108,25 @@ impl SceneOnDevice {
             harmonics,
             motion,
             moving: splats.motion.is_some(),
-            positions: Arc::new(Positions::of(splats)),
+            positions,
+            alive,
         })
     }
 
     /// Bytes on the device, all streams.
     pub fn bytes(&self) -> u64 {
-        self.geometry.bytes() + self.harmonics.bytes() + self.motion.bytes()
+        let alive = self.alive.as_ref().map_or(0, Buffer::bytes);
+        self.geometry.bytes() + self.harmonics.bytes() + self.motion.bytes() + alive
+    }
+
+    /// The splats that an order has to look at; none for all of them.
+    pub(crate) fn alive_at(&self, request: &OrderRequest) -> Option<Listed<'_>> {
+        match (request.time_cull, self.positions.alive(), &self.alive) {
+            (TimeCull::Index, Some(index), Some(entries)) => {
+                Some(Listed { entries, range: index.range_at(request.time) })
+            }
+            _ => None,
+        }
     }
 }
 

@@ -1,19 +1,59 @@
 //! Buffers that a frame works in, sized for a scene.
 
 use crate::gpu::{Buffer, Gpu, GpuError};
+use crate::order::OrderRequest;
 use crate::report::FrameReport;
 use ash::vk;
 use gpu_allocator::MemoryLocation;
 use motes_shaders::layout::{BLOCK, Plan, RECORD_WORDS, RECORD_WORDS_EXACT};
 use std::sync::Arc;
 
+/// An order that was made on the device.
+pub(crate) struct OrderOnDevice {
+    /// Of which scene.
+    pub scene: u64,
+    pub request: OrderRequest,
+    /// Whether it is one eye's own.
+    pub own_eye: bool,
+    /// Frames since it was made.
+    pub age: u32,
+}
+
+/// The order of both eyes, or of one; made on first use.
+pub(crate) struct Order {
+    splats: u32,
+    buffer: Option<Buffer>,
+    /// Which of the processor's orders it holds; 0: none.
+    pub id: u64,
+    /// Which of the device's it holds.
+    pub device_made: Option<OrderOnDevice>,
+    /// Splats that it lists.
+    pub count: u32,
+}
+
+impl Order {
+    fn new(splats: u32) -> Self {
+        Self { splats, buffer: None, id: 0, device_made: None, count: 0 }
+    }
+
+    pub fn buffer(&mut self, gpu: &Arc<Gpu>) -> Result<&Buffer, GpuError> {
+        match &mut self.buffer {
+            Some(buffer) => Ok(buffer),
+            none => {
+                let usage = vk::BufferUsageFlags::STORAGE_BUFFER | vk::BufferUsageFlags::TRANSFER_DST;
+                let bytes = 4 * u64::from(self.splats.max(1));
+                Ok(none.insert(Buffer::new(gpu, "order", bytes, usage, MemoryLocation::GpuOnly)?))
+            }
+        }
+    }
+}
+
 /// Order, records, prefix sums and the plan of the draws.
 pub(crate) struct Workspace {
     capacity: u32,
     exact: bool,
-    pub order: Buffer,
-    /// Which order the buffer holds; 0: none.
-    pub order_id: u64,
+    /// The order of both eyes or the first, and the second eye's own.
+    pub orders: [Order; 2],
     pub records: [Buffer; 2],
     pub blocks: Buffer,
     pub flags: Buffer,
@@ -50,7 +90,7 @@ impl Workspace {
                 Buffer::new(
                     gpu,
                     "plan read-back",
-                    plan_bytes,
+                    2 * plan_bytes,
                     vk::BufferUsageFlags::TRANSFER_DST,
                     MemoryLocation::GpuToCpu,
                 )
@@ -59,8 +99,7 @@ impl Workspace {
         Ok(Self {
             capacity: splats,
             exact,
-            order: buffer("order", 4 * n, storage | vk::BufferUsageFlags::TRANSFER_DST)?,
-            order_id: 0,
+            orders: [Order::new(splats), Order::new(splats)],
             records: [
                 buffer("records of view 0", record_bytes, storage)?,
                 buffer("records of view 1", record_bytes, storage)?,
@@ -78,9 +117,11 @@ impl Workspace {
         self.capacity >= splats && (self.exact || !exact)
     }
 
-    /// Copies the plan where the processor can read it once the frame is done. Nothing waits for it.
-    pub fn copy_plan(&mut self, gpu: &Gpu, commands: vk::CommandBuffer, frame: usize) {
-        let copy = vk::BufferCopy { src_offset: 0, dst_offset: 0, size: size_of::<Plan>() as u64 };
+    /// Copies the plan where the processor can read it once the frame is done. Nothing waits for it. `part` is 1 for
+    /// the second eye of a frame that prepares each eye by itself.
+    pub fn copy_plan(&mut self, gpu: &Gpu, commands: vk::CommandBuffer, frame: usize, part: usize) {
+        let size = size_of::<Plan>() as u64;
+        let copy = vk::BufferCopy { src_offset: 0, dst_offset: part as u64 * size, size };
         let barrier = vk::MemoryBarrier::default()
             .src_access_mask(vk::AccessFlags::TRANSFER_WRITE)
             .dst_access_mask(vk::AccessFlags::HOST_READ);
@@ -99,11 +140,12 @@ impl Workspace {
         }
     }
 
-    pub fn read_plan(&self, frame: usize, report: &mut FrameReport) {
-        if let Some(bytes) = self.plans[frame].mapped().get(..size_of::<Plan>()) {
+    /// Reads the plans of a frame's parts, and sums them up.
+    pub fn read_plan(&self, frame: usize, parts: usize, report: &mut FrameReport) {
+        for bytes in self.plans[frame].mapped().chunks_exact(size_of::<Plan>()).take(parts) {
             let plan: Plan = bytemuck::pod_read_unaligned(bytes);
-            report.visible = plan.visible;
-            report.predicted_fragments = plan.area;
+            report.visible += plan.visible;
+            report.predicted_fragments += plan.area;
         }
     }
 }

@@ -109,14 +109,21 @@ float motion_float(uint splat, uint word) {
     return uintBitsToFloat(splat >> MOTION_SHIFT == 0u ? motion_stream[0].words[at] : motion_stream[1].words[at]);
 }
 
+// Position at a time: mean + p1 dt + p2 dt² + p3 dt³.
+vec3 moved_mean(vec3 mean, uint i, float time) {
+    precise float dt = time - motion_float(i, 0u);
+    vec3 p1 = vec3(motion_float(i, 2u), motion_float(i, 3u), motion_float(i, 4u));
+    vec3 p2 = vec3(motion_float(i, 5u), motion_float(i, 6u), motion_float(i, 7u));
+    vec3 p3 = vec3(motion_float(i, 8u), motion_float(i, 9u), motion_float(i, 10u));
+    precise vec3 moved = mean + dt * (p1 + dt * (p2 + dt * p3));
+    return moved;
+}
+
 void move_splat(inout Splat s, uint i, float time) {
     float dt = time - motion_float(i, 0u);
     float falloff = dt * motion_float(i, 1u);
     s.opacity *= exp(-falloff * falloff);
-    vec3 p1 = vec3(motion_float(i, 2u), motion_float(i, 3u), motion_float(i, 4u));
-    vec3 p2 = vec3(motion_float(i, 5u), motion_float(i, 6u), motion_float(i, 7u));
-    vec3 p3 = vec3(motion_float(i, 8u), motion_float(i, 9u), motion_float(i, 10u));
-    s.mean += dt * (p1 + dt * (p2 + dt * p3));
+    s.mean = moved_mean(s.mean, i, time);
     vec4 omega = vec4(motion_float(i, 11u), motion_float(i, 12u), motion_float(i, 13u), motion_float(i, 14u));
     vec4 q = s.rotation + dt * omega;
     float norm = dot(q, q);

@@ -25,7 +25,7 @@ impl Renderer {
         sets: &[vk::DescriptorSet; 3],
         reduction: &Reduction,
     ) -> Result<(), GpuError> {
-        let DrawRequest { scene, target, config, .. } = *request;
+        let DrawRequest { target, config, .. } = *request;
         let rendered = reduction.resolution.rendered;
         let stages = match config.expansion {
             Expansion::Precomputed => Stages::Precomputed,
@@ -79,7 +79,9 @@ impl Renderer {
         let commands = self.slots[slot].commands;
         let plan = self.workspace.as_ref().map(|w| w.plan.raw()).unwrap_or_default();
         let graphics = vk::PipelineBindPoint::GRAPHICS;
-        let view = layer.unwrap_or(0) as u32;
+        let layer_index = layer.unwrap_or(0) as u32;
+        // An eye that is drawn by itself is the only view of its part.
+        let view = if request.views.len() == 1 { 0 } else { layer_index };
         let marks = if pass.early_stop { batches - 1 } else { 0 };
         let report = &mut self.slots[slot].report;
         report.draws += batches + marks + u32::from(resolve.is_some());
@@ -92,11 +94,11 @@ impl Renderer {
             device.cmd_bind_descriptor_sets(commands, graphics, layout, 0, sets, &[]);
             device.cmd_bind_index_buffer(commands, indices, 0, vk::IndexType::UINT16);
             let counted = if pass.view_mask == 0 { 1 } else { 2 };
-            self.slots[slot].queries.begin_statistics(commands, view, counted);
+            self.slots[slot].queries.begin_statistics(commands, layer_index, counted);
             for batch in 0..batches {
                 device.cmd_bind_pipeline(commands, graphics, splats);
                 let [first, last] = [batch, batch + 1]
-                    .map(|b| (u64::from(scene.splats) * u64::from(b) / u64::from(batches)) as u32);
+                    .map(|b| (u64::from(self.ordered) * u64::from(b) / u64::from(batches)) as u32);
                 let push = [batch, view, first, last];
                 device.cmd_push_constants(commands, layout, push_stages, 0, bytemuck::cast_slice(&push));
                 match config.expansion {
@@ -126,7 +128,7 @@ impl Renderer {
                     device.cmd_draw(commands, 3, 1, 0, 0);
                 }
             }
-            self.slots[slot].queries.end_statistics(commands, view);
+            self.slots[slot].queries.end_statistics(commands, layer_index);
             let Some(resolve) = resolve else {
                 device.cmd_end_render_pass(commands);
                 return self.record_upscale(slot, request, reduction, pass.view_mask, layer, sets[0]);

@@ -1,6 +1,6 @@
 //! What the shaders read: descriptor sets of one frame.
 
-use super::{Renderer, call};
+use super::{FRAME_DATA_STRIDE, Renderer, call};
 use crate::gpu::{Buffer, GpuError};
 use crate::scene::SceneOnDevice;
 use ash::vk;
@@ -16,18 +16,20 @@ impl Renderer {
         Ok(call(unsafe { self.gpu.device().allocate_descriptor_sets(&info) }, "vkAllocateDescriptorSets")?[0])
     }
 
+    /// The sets of a part of a frame: the one part, or one of two eyes that are prepared each by itself.
     pub(super) fn scene_sets(
-        &self,
+        &mut self,
         slot: usize,
         scene: &SceneOnDevice,
+        part: usize,
     ) -> Result<[vk::DescriptorSet; 3], GpuError> {
         let sets = [self.allocate_set(slot, 0)?, self.allocate_set(slot, 1)?, self.allocate_set(slot, 2)?];
-        let Some(workspace) = &self.workspace else { return Ok(sets) };
+        let Some(workspace) = &mut self.workspace else { return Ok(sets) };
         let whole =
             |b: &Buffer| vk::DescriptorBufferInfo { buffer: b.raw(), offset: 0, range: vk::WHOLE_SIZE };
         let uniform = [vk::DescriptorBufferInfo {
             buffer: self.slots[slot].uniform.raw(),
-            offset: 0,
+            offset: part as u64 * FRAME_DATA_STRIDE,
             range: size_of::<FrameData>() as u64,
         }];
         // A stream of fewer bindings fills the rest with its first: they are never read.
@@ -37,7 +39,7 @@ impl Renderer {
         let geometry = stream(&scene.geometry.buffers, 4);
         let harmonics = stream(&scene.harmonics.buffers, 4);
         let motion = stream(&scene.motion.buffers, 2);
-        let order = [whole(&workspace.order)];
+        let order = [whole(workspace.orders[part].buffer(&self.gpu)?)];
         let records = [whole(&workspace.records[0]), whole(&workspace.records[1])];
         let singles =
             [&workspace.blocks, &workspace.flags, &workspace.offsets, &workspace.plan, &workspace.visible]

@@ -61,7 +61,7 @@ pub(super) fn is_srgb(format: vk::Format) -> bool {
     matches!(format, vk::Format::R8G8B8A8_SRGB | vk::Format::B8G8R8A8_SRGB | vk::Format::A8B8G8R8_SRGB_PACK32)
 }
 
-pub(super) fn frame_data(request: &DrawRequest<'_>, reduction: &Reduction) -> FrameData {
+pub(super) fn frame_data(request: &DrawRequest<'_>, reduction: &Reduction, ordered: u32) -> FrameData {
     let DrawRequest { scene, views, config, .. } = *request;
     let Reduction { resolution, past, reprojection, .. } = *reduction;
     let mut data = FrameData::default();
@@ -88,12 +88,16 @@ pub(super) fn frame_data(request: &DrawRequest<'_>, reduction: &Reduction) -> Fr
             image: [fx as f32, fy as f32, width, height],
         };
     }
+    if let [_] = views {
+        // Whichever layer an eye by itself is drawn into.
+        data.views[1] = data.views[0];
+    }
     let early_stop = config.composite == Composite::EarlyStop;
     data.sort_center = (midpoint(views) - scene.origin).as_vec3().extend(0.0).to_array();
     data.cull = [config.near, config.near_fade, config.min_opacity, config.min_contribution];
     data.filters = [0.3, config.max_radius * width.max(height), config.stop_below, config.time];
     data.counts = [
-        scene.splats,
+        ordered,
         if early_stop { config.batches.min(MAX_BATCHES as u32) } else { 1 },
         corners(config),
         0,

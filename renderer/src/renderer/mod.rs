@@ -3,6 +3,7 @@
 mod blend;
 mod descriptors;
 mod frame_data;
+mod order;
 mod prepare;
 mod upscale;
 
@@ -11,6 +12,7 @@ pub use frame_data::midpoint;
 use crate::config::{Composite, Expansion, RenderConfig};
 use crate::gpu::{Buffer, Gpu, GpuError, Image};
 use crate::order::SplatOrder;
+use crate::order::device::DeviceSort;
 use crate::passes::{PassKey, Passes};
 use crate::report::{FrameReport, Queries};
 use crate::scene::SceneOnDevice;
@@ -27,6 +29,9 @@ use upscale::{Reduction, Upscaler};
 
 /// Frames that may be under way at once.
 const FRAMES: usize = 2;
+
+/// Distance of two parts' data in the uniform buffer: no device demands more alignment than 256 bytes.
+const FRAME_DATA_STRIDE: u64 = (size_of::<FrameData>() as u64).next_multiple_of(256);
 
 fn call<T>(result: Result<T, vk::Result>, call: &'static str) -> Result<T, GpuError> {
     result.map_err(|result| GpuError::Call { call, result })
@@ -80,11 +85,11 @@ struct Slot {
     commands: vk::CommandBuffer,
     fence: vk::Fence,
     submitted: bool,
-    /// Whether the frame copied its plan, for the report.
-    planned: bool,
     descriptors: vk::DescriptorPool,
     uniform: Buffer,
-    order_staging: Option<Buffer>,
+    order_staging: [Option<Buffer>; 2],
+    /// Parts of the frame: 2 where each eye is prepared by itself.
+    parts: usize,
     queries: Queries,
     report: FrameReport,
 }
@@ -130,6 +135,9 @@ pub struct Renderer {
     slots: Vec<Slot>,
     next: usize,
     workspace: Option<Workspace>,
+    device_sort: Option<DeviceSort>,
+    /// Splats in the order of the part that is being recorded.
+    ordered: u32,
     indices: HashMap<u32, Buffer>,
     attachments: Option<Attachments>,
     count_layers: bool,
@@ -152,6 +160,8 @@ impl Renderer {
             slots: Vec::new(),
             next: 0,
             workspace: None,
+            device_sort: None,
+            ordered: 0,
             indices: HashMap::new(),
             attachments: None,
             count_layers: false,
@@ -172,18 +182,18 @@ impl Renderer {
         let uniform = Buffer::new(
             gpu,
             "frame data",
-            size_of::<FrameData>() as u64,
+            2 * FRAME_DATA_STRIDE,
             vk::BufferUsageFlags::UNIFORM_BUFFER,
             MemoryLocation::CpuToGpu,
         )?;
         let queries = Queries::new(gpu)?;
         let sizes = [
-            vk::DescriptorPoolSize { ty: vk::DescriptorType::UNIFORM_BUFFER, descriptor_count: 4 },
-            vk::DescriptorPoolSize { ty: vk::DescriptorType::STORAGE_BUFFER, descriptor_count: 64 },
+            vk::DescriptorPoolSize { ty: vk::DescriptorType::UNIFORM_BUFFER, descriptor_count: 8 },
+            vk::DescriptorPoolSize { ty: vk::DescriptorType::STORAGE_BUFFER, descriptor_count: 128 },
             vk::DescriptorPoolSize { ty: vk::DescriptorType::INPUT_ATTACHMENT, descriptor_count: 8 },
             vk::DescriptorPoolSize { ty: vk::DescriptorType::COMBINED_IMAGE_SAMPLER, descriptor_count: 16 },
         ];
-        let info = vk::DescriptorPoolCreateInfo::default().max_sets(16).pool_sizes(&sizes);
+        let info = vk::DescriptorPoolCreateInfo::default().max_sets(32).pool_sizes(&sizes);
         // SAFETY: `info` is complete.
         let descriptors =
             call(unsafe { gpu.device().create_descriptor_pool(&info, None) }, "vkCreateDescriptorPool")?;
@@ -193,10 +203,10 @@ impl Renderer {
             commands,
             fence,
             submitted: false,
-            planned: false,
             descriptors,
             uniform,
-            order_staging: None,
+            order_staging: [None, None],
+            parts: 0,
             queries,
             report: FrameReport::default(),
         })
@@ -234,7 +244,7 @@ impl Renderer {
         slot.queries.reset(slot.commands);
         slot.queries.stamp(slot.commands, 0);
         slot.report = FrameReport::default();
-        slot.planned = false;
+        slot.parts = 0;
         Ok(Frame { slot: index, commands: slot.commands })
     }
 
@@ -249,10 +259,8 @@ impl Renderer {
             }
             slot.submitted = false;
             slot.queries.read(&mut slot.report)?;
-            if let Some(workspace) = &self.workspace
-                && slot.planned
-            {
-                workspace.read_plan(index, &mut slot.report);
+            if let Some(workspace) = &self.workspace {
+                workspace.read_plan(index, slot.parts, &mut slot.report);
             }
             self.finished.clone_from(&slot.report);
         }
@@ -351,7 +359,7 @@ impl Renderer {
     /// # Errors
     /// A choice that the device or the scene does not allow, or the driver's.
     pub fn draw(&mut self, frame: &Frame, request: &DrawRequest<'_>) -> Result<(), GpuError> {
-        let DrawRequest { scene, views, config, target, stereo, .. } = *request;
+        let DrawRequest { views, config, target, stereo, .. } = *request;
         config.check(views.len(), &self.gpu.capabilities)?;
         let multiview = views.len() == 2 && stereo == Stereo::Multiview;
         if multiview && !self.gpu.capabilities.multiview {
@@ -361,29 +369,69 @@ impl Renderer {
                 remedy: "Draw stereo in two passes".into(),
             });
         }
+        if multiview && config.sort_per_eye {
+            return Err(GpuError::Config(crate::ConfigError(
+                "sort-per-eye: one pass draws both eyes in one order; draw stereo in two passes".into(),
+            )));
+        }
         let reduction = self.upscaler.reduction(request);
         self.upscaler.begin(request, &reduction, blended_format(config.target))?;
+        if config.sort_per_eye && views.len() == 2 {
+            for eye in 0..2 {
+                let part = DrawRequest { views: &views[eye..=eye], ..*request };
+                self.draw_part(frame, &part, &reduction, multiview, Some(eye))?;
+            }
+        } else {
+            self.draw_part(frame, request, &reduction, multiview, None)?;
+        }
+        self.upscaler.end(request, &reduction);
+        self.slots[frame.slot].queries.stamp(frame.commands, 3);
+        let slot = &mut self.slots[frame.slot];
+        slot.report.views = views.len() as u32;
+        let [width, height] = reduction.resolution.rendered.map(u64::from);
+        slot.report.pixels = width * height * views.len() as u64;
+        let [width, height] = target.size.map(u64::from);
+        slot.report.shown_pixels = width * height * views.len() as u64;
+        let batches = if config.composite == Composite::EarlyStop { config.batches } else { 1 };
+        slot.report.full_screen_fragments = slot.report.pixels * u64::from(batches - 1);
+        Ok(())
+    }
+
+    /// Draws all views, or one eye by itself where each has its own order.
+    fn draw_part(
+        &mut self,
+        frame: &Frame,
+        request: &DrawRequest<'_>,
+        reduction: &Reduction,
+        multiview: bool,
+        own_eye: Option<usize>,
+    ) -> Result<(), GpuError> {
+        let DrawRequest { scene, views, config, target, .. } = *request;
+        let part = own_eye.unwrap_or(0);
         let specialization = specialization(scene, views.len(), config, &reduction.resolution);
         self.prepare_workspace(scene, specialization.projection == crate::Projection::Exact as u32)?;
-        self.write_frame_data(frame.slot, request, &reduction);
-        self.upload_order(frame.slot, request)?;
-        let slot = &self.slots[frame.slot];
-        slot.queries.stamp(slot.commands, 1);
-        let sets = self.scene_sets(frame.slot, scene)?;
+        let sets = self.scene_sets(frame.slot, scene, part)?;
+        self.ordered = self.order(frame.slot, request, own_eye, [sets[0], sets[1]], specialization)?;
+        self.write_frame_data(frame.slot, request, reduction, part);
         let commands = frame.commands;
+        if part == 0 {
+            self.slots[frame.slot].queries.stamp(commands, 1);
+        }
         let early_stop = config.composite == Composite::EarlyStop;
         let batches = if early_stop { config.batches } else { 1 };
 
         if config.expansion == Expansion::Precomputed {
-            self.record_preparation(commands, scene.splats, &sets, specialization)?;
+            self.record_preparation(commands, self.ordered, &sets, specialization)?;
             self.slots[frame.slot].report.dispatches += PREPARATION_DISPATCHES;
         }
-        self.slots[frame.slot].queries.stamp(commands, 2);
+        if part == 0 {
+            self.slots[frame.slot].queries.stamp(commands, 2);
+        }
 
         let corners = corners(config);
         let indices = self.index_buffer(corners)?;
         let passes: &[(u32, Option<usize>)] = match (views.len(), multiview) {
-            (1, _) => &[(0, Some(0))],
+            (1, _) => &[[(0, Some(0))], [(0, Some(1))]][part],
             (_, true) => &[(0b11, None)],
             (_, false) => &[(0, Some(0)), (0, Some(1))],
         };
@@ -405,33 +453,24 @@ impl Renderer {
                 corners,
                 indices,
                 &sets,
-                &reduction,
+                reduction,
             )?;
         }
-        self.upscaler.end(request, &reduction);
-        let queries = &self.slots[frame.slot].queries;
-        queries.stamp(commands, 3);
         if let Some(workspace) = &mut self.workspace
             && config.expansion == Expansion::Precomputed
         {
-            workspace.copy_plan(&self.gpu, commands, frame.slot);
-            self.slots[frame.slot].planned = true;
+            workspace.copy_plan(&self.gpu, commands, frame.slot, part);
+            self.slots[frame.slot].parts = part + 1;
         }
-        let slot = &mut self.slots[frame.slot];
-        slot.report.views = views.len() as u32;
-        let [width, height] = reduction.resolution.rendered.map(u64::from);
-        slot.report.pixels = width * height * views.len() as u64;
-        let [width, height] = target.size.map(u64::from);
-        slot.report.shown_pixels = width * height * views.len() as u64;
-        slot.report.full_screen_fragments = slot.report.pixels * u64::from(batches - 1);
         Ok(())
     }
 
-    fn write_frame_data(&mut self, slot: usize, request: &DrawRequest<'_>, reduction: &Reduction) {
-        let data = frame_data(request, reduction);
+    fn write_frame_data(&mut self, slot: usize, request: &DrawRequest<'_>, reduction: &Reduction, part: usize) {
+        let data = frame_data(request, reduction, self.ordered);
         self.background = request.config.background;
         let uniform = &mut self.slots[slot].uniform;
-        uniform.mapped_mut()[..size_of::<FrameData>()].copy_from_slice(bytemuck::bytes_of(&data));
+        let at = part * FRAME_DATA_STRIDE as usize;
+        uniform.mapped_mut()[at..at + size_of::<FrameData>()].copy_from_slice(bytemuck::bytes_of(&data));
         self.slots[slot].report.uploaded_bytes += size_of::<FrameData>() as u64;
     }
 }

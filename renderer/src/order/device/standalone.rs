@@ -1,0 +1,83 @@
+//! The device's sort by itself: for tests, and to measure it.
+
+use super::radix::{RadixBuffers, RadixJob, RadixSort, SortShape};
+use super::DescriptorPool;
+use crate::gpu::{Buffer, Gpu, GpuError};
+use crate::upload::Uploader;
+use ash::vk;
+use gpu_allocator::MemoryLocation;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// Sorts keys that are given, and reads the result back.
+pub struct KeySorter {
+    gpu: Arc<Gpu>,
+    sort: RadixSort,
+    uploader: Uploader,
+    pool: vk::CommandPool,
+    commands: vk::CommandBuffer,
+    fence: vk::Fence,
+}
+
+impl KeySorter {
+    /// With a shape.
+    ///
+    /// # Errors
+    /// The driver's, or a shape that the device cannot have.
+    pub fn new(gpu: &Arc<Gpu>, shape: SortShape) -> Result<Self, GpuError> {
+        let sort = RadixSort::new(gpu, shape)?;
+        let uploader = Uploader::new(gpu)?;
+        let (pool, commands, fence) = crate::frame::command_pool(gpu)?;
+        Ok(Self { gpu: gpu.clone(), sort, uploader, pool, commands, fence })
+    }
+
+    /// The places `0 ..` of the keys in ascending order of the keys' lower `key_bits` bits, and how long the device
+    /// took from submission to its end.
+    ///
+    /// # Errors
+    /// The driver's.
+    pub fn sort(&mut self, keys: &[u32], key_bits: u32) -> Result<(Vec<u32>, Duration), GpuError> {
+        let gpu = self.gpu.clone();
+        let n = keys.len();
+        let buffers = RadixBuffers::new(&gpu, self.sort.shape, n as u32)?;
+        let usage = vk::BufferUsageFlags::STORAGE_BUFFER | vk::BufferUsageFlags::TRANSFER_SRC;
+        let sorted = Buffer::new(&gpu, "sorted", 4 * n as u64, usage, MemoryLocation::GpuOnly)?;
+        let bytes = 4 * n as u64;
+        let back =
+            Buffer::new(&gpu, "sorted, read", bytes, vk::BufferUsageFlags::TRANSFER_DST, MemoryLocation::GpuToCpu)?;
+        let [keys_in, _] = self.sort.inputs(&buffers, &sorted, key_bits);
+        self.uploader.fill(keys_in, n, 1, |at, chunk| chunk.copy_from_slice(&keys[at..at + chunk.len()]))?;
+        let descriptors = DescriptorPool::new(&gpu, 2, 12)?;
+        let sets = [descriptors.allocate(self.sort.set_layout)?, descriptors.allocate(self.sort.set_layout)?];
+        let job = RadixJob { count: n as u32, key_bits, values_are_places: true };
+        let start = Instant::now();
+        let sort = &self.sort;
+        crate::frame::submit_and_wait(&gpu, self.commands, self.fence, |_, commands| {
+            sort.record(commands, sets, &buffers, &sorted, job);
+        })?;
+        let took = start.elapsed();
+        if n == 0 {
+            return Ok((Vec::new(), took));
+        }
+        crate::frame::submit_and_wait(&gpu, self.commands, self.fence, |device, commands| {
+            let copy = vk::BufferCopy { src_offset: 0, dst_offset: 0, size: bytes };
+            // SAFETY: both buffers hold the region; the sort was waited for.
+            unsafe { device.cmd_copy_buffer(commands, sorted.raw(), back.raw(), &[copy]) };
+        })?;
+        let words = back.mapped().get(..bytes as usize).unwrap_or_default();
+        Ok((words.chunks_exact(4).map(|w| u32::from_le_bytes([w[0], w[1], w[2], w[3]])).collect(), took))
+    }
+}
+
+impl Drop for KeySorter {
+    fn drop(&mut self) {
+        if let Err(e) = self.gpu.wait_idle() {
+            log::error!("{e}");
+        }
+        // SAFETY: the device is idle.
+        unsafe {
+            self.gpu.device().destroy_fence(self.fence, None);
+            self.gpu.device().destroy_command_pool(self.pool, None);
+        }
+    }
+}

@@ -1,0 +1,28 @@
+#version 460
+// How often each digit occurs in each tile.
+#include "sort.glsl"
+
+layout(set = 0, binding = 0, std430) readonly buffer Keys { uint keys[]; };
+layout(set = 0, binding = 4, std430) writeonly buffer Counts { uint counts[]; }; // by digit, then by tile
+
+// Two digits a word, a column for each invocation.
+shared uint columns[DIGITS / 2u * GROUP];
+
+void main() {
+    uint local = gl_LocalInvocationID.x;
+    uint tile = gl_WorkGroupID.x;
+    for (uint pair = 0u; pair < DIGITS / 2u; pair++) columns[pair * GROUP + local] = 0u;
+    uint begin = tile * TILE + local * RUN;
+    uint end = min(begin + RUN, sort.count);
+    for (uint at = begin; at < end; at++) {
+        uint digit = digit_of(keys[at]);
+        columns[(digit >> 1) * GROUP + local] += 1u << (16u * (digit & 1u));
+    }
+    barrier();
+    for (uint pair = local; pair < DIGITS / 2u; pair += GROUP) {
+        uint sum = 0u;
+        for (uint column = 0u; column < GROUP; column++) sum += columns[pair * GROUP + column];
+        counts[2u * pair * sort.tiles + tile] = sum & 0xffffu;
+        counts[(2u * pair + 1u) * sort.tiles + tile] = sum >> 16;
+    }
+}

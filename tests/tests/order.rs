@@ -1,0 +1,290 @@
+//! Orders: the processor's and the device's sorts against the standard library's stable sort, and frames drawn in them.
+#![allow(clippy::unwrap_used, reason = "a test may")]
+
+use glam::DVec3;
+use motes_renderer::order::device::{KeySorter, SortShape};
+use motes_renderer::order::{SortBuffers, float_key, float_key_16, radix_sort};
+use motes_renderer::{
+    Axis, Composite, Expansion, Fov, KeyBits, Offscreen, OrderKey, Packing, Picture, Precision, RenderConfig,
+    SceneOnDevice, ShPrecision, Sorter, Stereo, View,
+};
+use motes_scenes::Splats;
+use motes_scenes::synthetic::{Animation, Random, Recipe};
+use motes_tests::TestGpu;
+use proptest::prelude::*;
+use proptest::test_runner::{Config, TestRunner};
+
+/// Tiles of 64, 100, 512, 2048 and 4096 keys; the last two are what processors and graphics cards get.
+const SHAPES: [SortShape; 5] = [
+    SortShape { group: 8, run: 8, digit_bits: 8 },
+    SortShape { group: 10, run: 10, digit_bits: 3 },
+    SortShape { group: 64, run: 8, digit_bits: 7 },
+    SortShape { group: 128, run: 16, digit_bits: 6 },
+    SortShape { group: 32, run: 128, digit_bits: 8 },
+];
+
+/// What the standard library says: the places of the keys, stably sorted.
+fn stable(keys: &[u32]) -> Vec<u32> {
+    let mut places: Vec<u32> = (0..keys.len() as u32).collect();
+    places.sort_by_key(|&i| keys[i as usize]);
+    places
+}
+
+fn on_processor(keys: &[u32], bits: u32) -> Vec<u32> {
+    let mut buffers = SortBuffers::default();
+    buffers.set(keys.iter().copied().zip(0..));
+    radix_sort(&mut buffers, bits);
+    buffers.pairs().map(|(_, i)| i).collect()
+}
+
+fn random(n: usize, seed: u64) -> Vec<u32> {
+    let mut random = Random::new(seed);
+    (0..n).map(|_| random.bits() as u32).collect()
+}
+
+/// Floats at which comparisons go wrong.
+fn difficult_floats() -> Vec<f32> {
+    let mut values = vec![
+        0.0,
+        -0.0,
+        f32::NAN,
+        -f32::NAN,
+        f32::INFINITY,
+        f32::NEG_INFINITY,
+        f32::MIN_POSITIVE,
+        f32::from_bits(1),
+        -f32::from_bits(1),
+        f32::from_bits(0x007f_ffff),
+        f32::MAX,
+        f32::MIN,
+        1.0,
+        f32::from_bits(0x3f80_0001),
+    ];
+    values.extend_from_within(..);
+    values.rotate_left(5);
+    values
+}
+
+fn hard_cases(tile: usize) -> Vec<Vec<u32>> {
+    let mut cases = vec![difficult_floats().into_iter().map(float_key).collect()];
+    for n in [0, 1, 2, 255, 256, 257, tile - 1, tile, tile + 1, 3 * tile - 1] {
+        cases.push(random(n, n as u64));
+        cases.push(random(n, n as u64).iter().map(|k| k & 3).collect());
+        cases.push((0..n as u32).collect());
+        cases.push((0..n as u32).rev().collect());
+        cases.push(vec![0; n]);
+        cases.push(vec![u32::MAX; n]);
+    }
+    cases
+}
+
+#[test]
+fn both_sorts_agree_with_the_stable_sort() {
+    let gpu = TestGpu::new();
+    for shape in SHAPES {
+        let mut device = KeySorter::new(&gpu, shape).unwrap();
+        for keys in hard_cases((shape.group * shape.run) as usize) {
+            let expected = stable(&keys);
+            assert_eq!(on_processor(&keys, 32), expected);
+            assert_eq!(device.sort(&keys, 32).unwrap().0, expected, "{shape:?}, {} keys", keys.len());
+            let short: Vec<u32> = keys.iter().map(|k| k >> 16).collect();
+            let expected = stable(&short);
+            assert_eq!(on_processor(&short, 16), expected);
+            assert_eq!(device.sort(&short, 16).unwrap().0, expected, "{shape:?}, 16 bits, {}", keys.len());
+        }
+    }
+}
+
+#[test]
+fn a_million_keys_agree_and_repeat() {
+    let gpu = TestGpu::new();
+    let keys = random(1_000_000, 7);
+    let expected = stable(&keys);
+    assert_eq!(on_processor(&keys, 32), expected);
+    let mut device = KeySorter::new(&gpu, SortShape::of(&gpu.capabilities)).unwrap();
+    let first = device.sort(&keys, 32).unwrap().0;
+    assert_eq!(first, expected);
+    assert_eq!(device.sort(&keys, 32).unwrap().0, first, "not deterministic");
+    // Control: an order in which equal keys have changed places is told apart.
+    let few: Vec<u32> = keys.iter().map(|k| k & 0xff).collect();
+    let mut unstable = stable(&few);
+    let equal = (1..).find(|&i| few[unstable[i] as usize] == few[unstable[i - 1] as usize]).unwrap();
+    unstable.swap(equal - 1, equal);
+    assert_ne!(device.sort(&few, 32).unwrap().0, unstable);
+}
+
+#[test]
+fn any_keys_agree() {
+    let gpu = TestGpu::new();
+    let mut devices: Vec<_> = SHAPES.iter().map(|&s| KeySorter::new(&gpu, s).unwrap()).collect();
+    let keys = prop_oneof![
+        prop::collection::vec(any::<u32>(), 0..700),
+        prop::collection::vec(0u32..5, 0..700),
+        prop::collection::vec(any::<f32>().prop_map(float_key), 0..700),
+    ];
+    let mut runner = TestRunner::new(Config { cases: 40, failure_persistence: None, ..Config::default() });
+    runner
+        .run(&keys, |keys| {
+            let expected = stable(&keys);
+            prop_assert_eq!(on_processor(&keys, 32), expected.clone());
+            for device in &mut devices {
+                let sorted = device.sort(&keys, 32).map_err(|e| TestCaseError::fail(e.to_string()))?.0;
+                prop_assert_eq!(sorted, expected.clone());
+            }
+            Ok(())
+        })
+        .unwrap();
+}
+
+proptest! {
+    #[test]
+    fn keys_are_ordered_as_floats_are(a: f32, b: f32) {
+        if a < b {
+            prop_assert!(float_key(a) < float_key(b));
+            prop_assert!(float_key_16(a) <= float_key_16(b));
+            // 16 bits tell neighbours apart that differ by 1 %.
+            if a > 1e-30 && b > a * 1.01 {
+                prop_assert!(float_key_16(a) < float_key_16(b));
+            }
+        }
+    }
+}
+
+#[test]
+fn shapes_that_cannot_be_are_refused() {
+    let gpu = TestGpu::new();
+    for shape in [
+        SortShape { group: 0, run: 8, digit_bits: 8 },
+        SortShape { group: 256, run: 256, digit_bits: 4 },
+        SortShape { group: 32, run: 8, digit_bits: 9 },
+        SortShape { group: 32, run: 0, digit_bits: 8 },
+        SortShape { group: 1024, run: 8, digit_bits: 8 },
+    ] {
+        assert!(KeySorter::new(&gpu, shape).is_err(), "{shape:?}");
+    }
+}
+
+const PLAIN: Packing = Packing { precision: Precision::F32, sh_precision: ShPrecision::F32, sh_degree: 1 };
+
+fn still() -> Splats {
+    Recipe { count: 3000, sh_degree: 1, seed: 3, ..Default::default() }.still()
+}
+
+/// Far apart, so that each eye has an order of its own.
+fn eyes() -> [View; 2] {
+    let fov = Fov { left: -1.0, right: 1.0, up: -0.8, down: 0.8 };
+    let look = |x: f64| View::look_at(DVec3::new(x, 0.1, -1.4), DVec3::ZERO, DVec3::NEG_Y, fov, [80, 64]);
+    [look(-0.5), look(0.6)]
+}
+
+fn every_layer() -> RenderConfig {
+    RenderConfig { composite: Composite::FrontToBack, ..Default::default() }
+}
+
+fn render(offscreen: &mut Offscreen, scene: &SceneOnDevice, views: &[View], config: &RenderConfig) -> Vec<Picture> {
+    offscreen.render(scene, views, config).unwrap().0
+}
+
+#[test]
+fn frames_are_the_same_whoever_sorts() {
+    let gpu = TestGpu::new();
+    let mut offscreen = Offscreen::new(&gpu).unwrap();
+    let moving = Recipe { count: 3000, sh_degree: 1, seed: 4, ..Default::default() };
+    let brief = Animation { fleeting: 1.0, width: 0.05, ..Default::default() };
+    let scenes = [still(), moving.moving(&Animation::default()), moving.moving(&brief)]
+        .map(|s| SceneOnDevice::new(&gpu, &s, PLAIN).unwrap());
+    assert!(scenes[2].positions.alive().is_some(), "the last is to be sorted by lists");
+    let eyes = eyes();
+    for scene in &scenes {
+        for &order in OrderKey::ALL {
+            for (views, sort_per_eye) in [(1, false), (2, false), (2, true)] {
+                for expansion in [Expansion::Precomputed, Expansion::Instanced] {
+                    let time = 0.3;
+                    let mut config =
+                        RenderConfig { order, sort_per_eye, expansion, time, ..every_layer() };
+                    let by_processor = render(&mut offscreen, scene, &eyes[..views], &config);
+                    config.sorter = Sorter::Gpu;
+                    let by_device = render(&mut offscreen, scene, &eyes[..views], &config);
+                    assert_eq!(by_processor, by_device, "{order} {views} {sort_per_eye} {expansion}");
+                }
+            }
+        }
+    }
+    // Control: the order matters.
+    let mut config = RenderConfig { sorter: Sorter::Gpu, ..every_layer() };
+    let radial = render(&mut offscreen, &scenes[0], &eyes[..1], &config);
+    config.order = OrderKey::Depth;
+    assert_ne!(render(&mut offscreen, &scenes[0], &eyes[..1], &config), radial);
+}
+
+#[test]
+fn short_keys_hardly_change_a_picture() {
+    let gpu = TestGpu::new();
+    let mut offscreen = Offscreen::new(&gpu).unwrap();
+    let scene = SceneOnDevice::new(&gpu, &still(), PLAIN).unwrap();
+    let view = &eyes()[..1];
+    let colours = |p: &Picture| p.pixels.iter().map(|p| [p[0], p[1], p[2]]).collect::<Vec<_>>();
+    let full = render(&mut offscreen, &scene, view, &every_layer());
+    let mut worst = f64::INFINITY;
+    for sorter in [Sorter::Cpu, Sorter::Gpu] {
+        let config = RenderConfig { sorter, key_bits: KeyBits::B16, ..every_layer() };
+        let short = render(&mut offscreen, &scene, view, &config);
+        assert_ne!(short, full, "16 bits must make a difference somewhere");
+        worst = worst.min(motes_tests::psnr(&colours(&short[0]), &colours(&full[0])));
+    }
+    println!("16-bit keys against 32-bit ones: {worst:.1} dB");
+    assert!(worst > 35.0, "{worst:.1} dB");
+}
+
+#[test]
+fn an_eye_with_its_own_order_sees_what_it_sees_alone() {
+    let gpu = TestGpu::new();
+    let mut offscreen = Offscreen::new(&gpu).unwrap();
+    let scene = SceneOnDevice::new(&gpu, &still(), PLAIN).unwrap();
+    let eyes = eyes();
+    for sorter in [Sorter::Cpu, Sorter::Gpu] {
+        for composite in [Composite::FrontToBack, Composite::EarlyStop, Composite::BackToFront] {
+            let mut config = RenderConfig { sorter, composite, sort_per_eye: true, ..Default::default() };
+            let both = render(&mut offscreen, &scene, &eyes, &config);
+            for eye in 0..2 {
+                let alone = render(&mut offscreen, &scene, &eyes[eye..=eye], &config);
+                assert_eq!(both[eye], alone[0], "{sorter} {composite}, eye {eye}");
+            }
+            // Control: one order from between the eyes is another.
+            config.sort_per_eye = false;
+            assert_ne!(render(&mut offscreen, &scene, &eyes, &config), both);
+        }
+    }
+    offscreen.set_stereo(Stereo::Multiview);
+    let config = RenderConfig { sort_per_eye: true, ..Default::default() };
+    let refusal = offscreen.render(&scene, &eyes, &config).unwrap_err().to_string();
+    assert!(refusal.contains("two passes"), "{refusal}");
+}
+
+#[test]
+fn an_order_serves_for_as_many_frames_as_chosen() {
+    let gpu = TestGpu::new();
+    let mut offscreen = Offscreen::new(&gpu).unwrap();
+    let scene = SceneOnDevice::new(&gpu, &still(), PLAIN).unwrap();
+    let look = |frame: u32| {
+        let eye = DVec3::new(-1.2 + 0.4 * f64::from(frame), 0.3, -1.3);
+        View::look_at(eye, DVec3::ZERO, DVec3::NEG_Y, Fov::vertical(1.2, [64, 48]), [64, 48])
+    };
+    for sorter in [Sorter::Cpu, Sorter::Gpu] {
+        let mut frames = |interval: u32| -> Vec<Picture> {
+            let config = RenderConfig { sorter, sort_interval: interval, ..every_layer() };
+            offscreen.renderer().expire_order();
+            // A frame of another kind between two runs, so that each begins with an order of its own.
+            let other = RenderConfig { order: OrderKey::Depth, ..config.clone() };
+            render(&mut offscreen, &scene, &[look(0)], &other);
+            (0..7).map(|f| render(&mut offscreen, &scene, &[look(f)], &config).remove(0)).collect()
+        };
+        let (always, third) = (frames(1), frames(3));
+        for frame in 0..7 {
+            let fresh = frame % 3 == 0;
+            assert_eq!(always[frame] == third[frame], fresh, "{sorter}: frame {frame}");
+        }
+    }
+    let config = RenderConfig { sort_interval: 0, ..Default::default() };
+    assert!(config.check(1, &gpu.capabilities).is_err());
+}
