@@ -1,0 +1,163 @@
+//! How fast a million splats are ordered: `cargo xtask run-on-driver -- cargo bench -p motes-renderer --bench sort`.
+//!
+//! Pairs of a 32-bit key and an index, random keys, one thread, beside the standard library and the fastest crates for
+//! the task; then the device's sort in several shapes. All within one run, each variant in turn, median of eleven.
+
+use std::hint::black_box;
+use std::time::{Duration, Instant};
+
+use motes_renderer::gpu::{Gpu, GpuOptions};
+use motes_renderer::order::device::{KeySorter, SortShape};
+use motes_renderer::order::{OrderRequest, Positions, SortBuffers, SplatOrder, radix_sort};
+use motes_renderer::{Fov, RenderConfig, View};
+use motes_scenes::synthetic::{Random, Recipe};
+
+const ROUNDS: usize = 11;
+
+/// The sort that everybody writes first: eight bits at a time, least significant first, one histogram a pass.
+fn straightforward(pairs: &mut Vec<(u32, u32)>, scratch: &mut Vec<(u32, u32)>) {
+    scratch.resize(pairs.len(), (0, 0));
+    for shift in [0, 8, 16, 24] {
+        let mut places = [0usize; 256];
+        for p in pairs.iter() {
+            places[(p.0 >> shift) as usize & 255] += 1;
+        }
+        let mut sum = 0;
+        for place in &mut places {
+            (*place, sum) = (sum, sum + *place);
+        }
+        for p in pairs.iter() {
+            let place = &mut places[(p.0 >> shift) as usize & 255];
+            scratch[*place] = *p;
+            *place += 1;
+        }
+        std::mem::swap(pairs, scratch);
+    }
+}
+
+struct Variant<'a> {
+    name: String,
+    run: Box<dyn FnMut() -> Duration + 'a>,
+    times: Vec<Duration>,
+}
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let n = std::env::args().filter_map(|a| a.parse().ok()).next().unwrap_or(1_000_000);
+    let mut random = Random::new(1);
+    let keys: Vec<u32> = (0..n).map(|_| random.bits() as u32).collect();
+    let pairs: Vec<(u32, u32)> = keys.iter().copied().zip(0..).collect();
+    let words: Vec<u64> = pairs.iter().map(|p| u64::from(p.0) << 32 | u64::from(p.1)).collect();
+
+    let gpu = Gpu::offscreen(&GpuOptions { validation: false })?;
+    let mut variants = Vec::new();
+    let mut add = |name: &str, run: Box<dyn FnMut() -> Duration + '_>| {
+        variants.push((name.to_owned(), run, Vec::new()));
+    };
+    {
+        let (mut a, mut b) = (Vec::new(), Vec::new());
+        let pairs = &pairs;
+        add(
+            "straightforward, 8 bits",
+            Box::new(move || {
+                a.clone_from(pairs);
+                let start = Instant::now();
+                straightforward(&mut a, &mut b);
+                black_box(&a);
+                start.elapsed()
+            }),
+        );
+        let mut buffers = SortBuffers::default();
+        add(
+            "Motes, processor",
+            Box::new(move || {
+                buffers.set(pairs.iter().copied());
+                let start = Instant::now();
+                radix_sort(&mut buffers, 32);
+                black_box(&buffers);
+                start.elapsed()
+            }),
+        );
+        let mut a = Vec::new();
+        add(
+            "radsort",
+            Box::new(move || {
+                a.clone_from(pairs);
+                let start = Instant::now();
+                radsort::sort_by_key(&mut a, |p| p.0);
+                black_box(&a);
+                start.elapsed()
+            }),
+        );
+        let words = &words;
+        let mut a = Vec::new();
+        add(
+            "voracious_radix_sort",
+            Box::new(move || {
+                use voracious_radix_sort::RadixSort;
+                a.clone_from(words);
+                let start = Instant::now();
+                a.voracious_sort();
+                black_box(&a);
+                start.elapsed()
+            }),
+        );
+        let mut a = Vec::new();
+        add(
+            "std, stable",
+            Box::new(move || {
+                a.clone_from(pairs);
+                let start = Instant::now();
+                a.sort_by_key(|p| p.0);
+                black_box(&a);
+                start.elapsed()
+            }),
+        );
+    }
+    // Keys and sort of a scene, as a frame needs them.
+    let positions = Positions::of(&Recipe { count: n, ..Default::default() }.still());
+    let fov = Fov::vertical(1.0, [64, 64]);
+    let view = View::look_at(glam::DVec3::NEG_Z, glam::DVec3::ZERO, glam::DVec3::NEG_Y, fov, [64, 64]);
+    let request = OrderRequest::new(&[view], &RenderConfig::default());
+    let (mut order, mut buffers) = (SplatOrder::default(), SortBuffers::default());
+    add(
+        "Motes, processor, keys too",
+        Box::new(move || {
+            let start = Instant::now();
+            order.sort(&positions, &request, &mut buffers);
+            start.elapsed()
+        }),
+    );
+    let best = SortShape::of(&gpu.capabilities);
+    for (group, run, digit_bits) in
+        [(best.group, best.run, best.digit_bits), (32, 64, 8), (32, 256, 8), (64, 64, 7), (128, 16, 6), (8, 256, 8)]
+    {
+        let shape = SortShape { group, run, digit_bits };
+        let mut sorter = KeySorter::new(&gpu, shape)?;
+        let keys = &keys;
+        add(
+            &format!("device, {group} x {run}, {digit_bits} bits"),
+            Box::new(move || sorter.sort(keys, 32).map_or(Duration::MAX, |(_, took)| took)),
+        );
+    }
+    let mut variants: Vec<_> =
+        variants.into_iter().map(|(name, run, times)| Variant { name, run, times }).collect();
+    for round in 0..=ROUNDS {
+        for v in &mut variants {
+            let took = (v.run)();
+            if round > 0 {
+                v.times.push(took);
+            }
+        }
+    }
+    println!("{n} pairs on {}\n{:32} {:>9} {:>7} {:>7}", gpu.capabilities.device, "", "median ms", "spread", "ratio");
+    let mut first = None;
+    for v in &mut variants {
+        v.times.sort();
+        let ms = |i: usize| v.times[i].as_secs_f64() * 1e3;
+        let median = ms(ROUNDS / 2);
+        let base = *first.get_or_insert(median);
+        let spread = (ms(ROUNDS - 1) - ms(0)) / median * 100.0;
+        println!("{:32} {median:>9.2} {spread:>6.0}% {:>7.2}", v.name, median / base);
+    }
+    Ok(())
+}
