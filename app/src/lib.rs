@@ -4,3 +4,4 @@ pub mod framing;
 pub mod headset;
 pub mod opened;
 pub mod prediction;
+pub mod time;

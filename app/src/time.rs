@@ -185,7 +185,9 @@ fn moved(time: f64, returning: bool, delta: f64, repeat: Repeat) -> (f64, bool) 
 
 /// Why a range of times cannot be.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("'{0}' is not a range of times: write from:to:count, such as 0:1:30, with finite times and 1 to 100000 of them")]
+#[error(
+    "'{0}' is not a range of times: write from:to:count, such as 0:1:30, with finite times and 1 to 100000 of them"
+)]
 pub struct TimesError(pub String);
 
 /// `from:to:count` as that many times at equal distances, both ends among them; or a single time.
@@ -351,7 +353,9 @@ mod tests {
         assert_eq!(times("1:0:2").unwrap(), [1.0, 0.0]);
         assert_eq!(times("0.3:0.9:1").unwrap(), [0.3]);
         assert_eq!(times("0.25").unwrap(), [0.25]);
-        for wrong in ["", "0:1", "0:1:0", "0:1:x", "nan:1:3", "0:inf:3", "0:1:3:4", "0:1:-3", "0:1:1000000000"] {
+        for wrong in
+            ["", "0:1", "0:1:0", "0:1:x", "nan:1:3", "0:inf:3", "0:1:3:4", "0:1:-3", "0:1:1000000000"]
+        {
             assert!(times(wrong).is_err(), "{wrong}");
         }
     }

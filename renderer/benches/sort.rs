@@ -128,9 +128,14 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         }),
     );
     let best = SortShape::of(&gpu.capabilities);
-    for (group, run, digit_bits) in
-        [(best.group, best.run, best.digit_bits), (32, 64, 8), (32, 256, 8), (64, 64, 7), (128, 16, 6), (8, 256, 8)]
-    {
+    for (group, run, digit_bits) in [
+        (best.group, best.run, best.digit_bits),
+        (32, 64, 8),
+        (32, 256, 8),
+        (64, 64, 7),
+        (128, 16, 6),
+        (8, 256, 8),
+    ] {
         let shape = SortShape { group, run, digit_bits };
         let mut sorter = KeySorter::new(&gpu, shape)?;
         let keys = &keys;
@@ -149,7 +154,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             }
         }
     }
-    println!("{n} pairs on {}\n{:32} {:>9} {:>7} {:>7}", gpu.capabilities.device, "", "median ms", "spread", "ratio");
+    println!(
+        "{n} pairs on {}\n{:32} {:>9} {:>7} {:>7}",
+        gpu.capabilities.device, "", "median ms", "spread", "ratio"
+    );
     let mut first = None;
     for v in &mut variants {
         v.times.sort();

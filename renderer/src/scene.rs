@@ -1,7 +1,7 @@
 //! A scene on the device.
 
-use crate::gpu::{Buffer, Gpu, GpuError};
 use crate::TimeCull;
+use crate::gpu::{Buffer, Gpu, GpuError};
 use crate::order::{OrderRequest, Positions};
 use crate::packing::Packing;
 use crate::upload::Uploader;

@@ -26,7 +26,6 @@ layout(push_constant) uniform Sort {
     uint flags; // SORT_*
     uint first; // first entry of the list of alive splats
     uint key;   // KEY_*
-    uint eye;   // whose centre and axis
 } sort;
 
 uint digit_of(uint key) { return (key >> sort.shift) & (DIGITS - 1u); }

@@ -10,7 +10,6 @@ layout(set = 2, binding = 2, std430) readonly buffer Alive { uint alive[]; };
 const uint KEY_DEPTH = 1u;   // depth, not distance
 const uint KEY_16 = 2u;      // 16 bits
 const uint KEY_LISTED = 4u;  // only the splats of a list
-const uint KEY_OWN_EYE = 8u; // measured from the view's own eye, not from the point between the eyes
 
 // A smaller float has smaller bits; NaN comes last.
 uint float_key(float v) {
@@ -23,12 +22,11 @@ void main() {
     uint slot = gl_GlobalInvocationID.x;
     if (slot >= sort.count) return;
     uint i = (sort.key & KEY_LISTED) != 0u ? alive[sort.first + slot] : slot;
-    vec3 center = (sort.key & KEY_OWN_EYE) != 0u ? frame.views[sort.eye].eye.xyz : frame.sort_center.xyz;
     // Rounded as the processor rounds, operation by operation.
     precise vec3 mean = splat_mean(i);
     if (MOTION) mean = moved_mean(mean, i, frame.filters.w);
-    precise vec3 d = mean - center;
-    vec3 along = (sort.key & KEY_DEPTH) != 0u ? frame.views[sort.eye].rotation[2].xyz : d;
+    precise vec3 d = mean - frame.sort_center.xyz;
+    vec3 along = (sort.key & KEY_DEPTH) != 0u ? frame.views[0].rotation[2].xyz : d;
     precise float value = d.x * along.x + d.y * along.y;
     value += d.z * along.z;
     if ((sort.key & (KEY_DEPTH | KEY_16)) == KEY_16) value = sqrt(value);

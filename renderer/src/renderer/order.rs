@@ -4,7 +4,7 @@ use super::{DrawRequest, Renderer};
 use crate::config::Sorter;
 use crate::gpu::{Buffer, GpuError};
 use crate::order::OrderRequest;
-use crate::order::device::{DeviceSort, KeyJob};
+use crate::order::device::DeviceSort;
 use crate::workspace::OrderOnDevice;
 use ash::vk;
 use gpu_allocator::MemoryLocation;
@@ -45,7 +45,9 @@ impl Renderer {
         let barrier = vk::MemoryBarrier::default()
             .src_access_mask(vk::AccessFlags::TRANSFER_WRITE | vk::AccessFlags::SHADER_WRITE)
             .dst_access_mask(
-                vk::AccessFlags::SHADER_READ | vk::AccessFlags::SHADER_WRITE | vk::AccessFlags::TRANSFER_WRITE,
+                vk::AccessFlags::SHADER_READ
+                    | vk::AccessFlags::SHADER_WRITE
+                    | vk::AccessFlags::TRANSFER_WRITE,
             );
         // SAFETY: recorded outside any render pass.
         unsafe {
@@ -137,18 +139,13 @@ impl Renderer {
         };
         sorter.prepare(scene.splats)?;
         let sort_sets = sorter.allocate(self.slots[slot].descriptors)?;
-        let job = KeyJob { request: wanted, eye: own_eye.map(|e| e as u32) };
         let commands = self.slots[slot].commands;
         let buffer = order.buffer(&self.gpu)?;
-        order.count = sorter.record(commands, sort_sets, scene, sets, specialization, buffer, &job)?;
+        order.count = sorter.record(commands, sort_sets, scene, sets, specialization, buffer, &wanted)?;
         self.slots[slot].report.dispatches += sorter.dispatches(wanted.bits);
         order.id = 0;
-        order.device_made = Some(OrderOnDevice {
-            scene: scene.id,
-            request: wanted,
-            own_eye: own_eye.is_some(),
-            age: 0,
-        });
+        order.device_made =
+            Some(OrderOnDevice { scene: scene.id, request: wanted, own_eye: own_eye.is_some(), age: 0 });
         Ok(order.count)
     }
 

@@ -25,18 +25,8 @@ fn call<T>(result: Result<T, vk::Result>, call: &'static str) -> Result<T, GpuEr
 const KEY_DEPTH: u32 = 1;
 const KEY_16: u32 = 2;
 const KEY_LISTED: u32 = 4;
-const KEY_OWN_EYE: u32 = 8;
 /// Invocations of a workgroup that makes keys.
 const KEYS_GROUP: SortShape = SortShape { group: 64, run: 1, digit_bits: 1 };
-
-/// What the keys of one sort depend on.
-#[derive(Clone, Copy)]
-pub(crate) struct KeyJob {
-    /// The request that is followed.
-    pub request: OrderRequest,
-    /// Whose order it is, where each eye has its own.
-    pub eye: Option<u32>,
-}
 
 /// Descriptor sets that one sort takes.
 #[derive(Clone, Copy)]
@@ -67,8 +57,7 @@ impl DeviceSort {
             buffers: None,
         };
         sort.keys_set_layout = storage_layout(gpu, 3)?;
-        sort.keys_layout =
-            compute_layout(gpu, &[scene_layouts[0], scene_layouts[1], sort.keys_set_layout])?;
+        sort.keys_layout = compute_layout(gpu, &[scene_layouts[0], scene_layouts[1], sort.keys_set_layout])?;
         Ok(sort)
     }
 
@@ -95,7 +84,8 @@ impl DeviceSort {
     }
 
     /// Records keys and passes; says how many splats the order in `sorted` has. What still reads `sorted` has been
-    /// waited for; what reads it next in a compute stage need not wait.
+    /// waited for; what reads it next in a compute stage need not wait. The frame data hold the request's centre, and its
+    /// direction as that of the first view.
     #[allow(clippy::too_many_arguments)]
     pub fn record(
         &mut self,
@@ -105,9 +95,8 @@ impl DeviceSort {
         scene_sets: [vk::DescriptorSet; 2],
         specialization: Specialization,
         sorted: &Buffer,
-        job: &KeyJob,
+        request: &OrderRequest,
     ) -> Result<u32, GpuError> {
-        let request = &job.request;
         let pipeline = self.keys_pipeline(specialization)?;
         let Some((_, buffers)) = &self.buffers else { return Ok(0) };
         let key_bits = if request.bits == KeyBits::B16 { 16 } else { 32 };
@@ -128,9 +117,6 @@ impl DeviceSort {
         if listed.is_some() {
             key |= KEY_LISTED;
         }
-        if job.eye.is_some() {
-            key |= KEY_OWN_EYE;
-        }
         let values_are_places = listed.is_none();
         let push = Push {
             count,
@@ -139,7 +125,6 @@ impl DeviceSort {
             flags: if values_are_places { VALUES_ARE_PLACES } else { 0 },
             first: listed.as_ref().map_or(0, |l| l.range.start as u32),
             key,
-            eye: job.eye.unwrap_or(0),
         };
         let device = self.gpu.device();
         // SAFETY: sets and buffers live until the frame is done, and hold `count` keys.
@@ -204,8 +189,7 @@ fn storage_layout(gpu: &Gpu, bindings: u32) -> Result<vk::DescriptorSetLayout, G
 /// A pipeline layout with the sort's push constants.
 fn compute_layout(gpu: &Gpu, sets: &[vk::DescriptorSetLayout]) -> Result<vk::PipelineLayout, GpuError> {
     let size = size_of::<Push>() as u32;
-    let push =
-        [vk::PushConstantRange { stage_flags: vk::ShaderStageFlags::COMPUTE, offset: 0, size }];
+    let push = [vk::PushConstantRange { stage_flags: vk::ShaderStageFlags::COMPUTE, offset: 0, size }];
     let info = vk::PipelineLayoutCreateInfo::default().set_layouts(sets).push_constant_ranges(&push);
     // SAFETY: the set layouts are alive.
     call(unsafe { gpu.device().create_pipeline_layout(&info, None) }, "vkCreatePipelineLayout")

@@ -47,12 +47,28 @@ impl SortShape {
         keys.div_ceil(self.group * self.run)
     }
 
-    fn check(self) -> Result<(), GpuError> {
-        let fits = (1..=8).contains(&self.digit_bits)
-            && (1..=1024).contains(&self.group)
+    fn check(self, gpu: &Gpu) -> Result<(), GpuError> {
+        // SAFETY: the physical device belongs to the instance.
+        let limits = unsafe { gpu.instance().get_physical_device_properties(gpu.physical()) }.limits;
+        let most = limits.max_compute_work_group_invocations.min(limits.max_compute_work_group_size[0]);
+        let shape = (1..=8).contains(&self.digit_bits)
+            && (1..=4096).contains(&self.group)
             && self.run >= 1
             && self.group.saturating_mul(self.run) < 1 << 16;
-        if fits { Ok(()) } else { Err(crate::ConfigError(format!("{self:?} is no shape of a sort")).into()) }
+        let fits =
+            shape && self.group <= most && self.shared_bytes() <= limits.max_compute_shared_memory_size;
+        if fits {
+            return Ok(());
+        }
+        Err(GpuError::Unsupported {
+            wanted: format!("a sort with {self:?}"),
+            device: gpu.capabilities.device.clone(),
+            remedy: format!(
+                "Digits have 1 to 8 bits, a group at most {most} invocations and 65535 keys, and its counters take at \
+                 most {} bytes",
+                limits.max_compute_shared_memory_size
+            ),
+        })
     }
 }
 
@@ -89,7 +105,6 @@ pub(crate) struct Push {
     pub flags: u32,
     pub first: u32,
     pub key: u32,
-    pub eye: u32,
 }
 
 /// `SORT_VALUES_ARE_PLACES` of the shaders.
@@ -108,7 +123,7 @@ pub(crate) struct RadixSort {
 
 impl RadixSort {
     pub fn new(gpu: &Arc<Gpu>, shape: SortShape) -> Result<Self, GpuError> {
-        shape.check()?;
+        shape.check(gpu)?;
         let mut sort = Self {
             gpu: gpu.clone(),
             shape,
@@ -169,7 +184,7 @@ impl RadixSort {
                 flags |= KEYS_ARE_DONE;
             }
             let shift = pass * self.shape.digit_bits;
-            let push = Push { count: job.count, tiles, shift, flags, first: 0, key: 0, eye: 0 };
+            let push = Push { count: job.count, tiles, shift, flags, first: 0, key: 0 };
             // SAFETY: sets and buffers live until the frame is done; the buffers hold `count` keys.
             unsafe {
                 let compute = vk::PipelineBindPoint::COMPUTE;

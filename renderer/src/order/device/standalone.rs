@@ -1,7 +1,7 @@
 //! The device's sort by itself: for tests, and to measure it.
 
-use super::radix::{RadixBuffers, RadixJob, RadixSort, SortShape};
 use super::DescriptorPool;
+use super::radix::{RadixBuffers, RadixJob, RadixSort, SortShape};
 use crate::gpu::{Buffer, Gpu, GpuError};
 use crate::upload::Uploader;
 use ash::vk;
@@ -43,8 +43,13 @@ impl KeySorter {
         let usage = vk::BufferUsageFlags::STORAGE_BUFFER | vk::BufferUsageFlags::TRANSFER_SRC;
         let sorted = Buffer::new(&gpu, "sorted", 4 * n as u64, usage, MemoryLocation::GpuOnly)?;
         let bytes = 4 * n as u64;
-        let back =
-            Buffer::new(&gpu, "sorted, read", bytes, vk::BufferUsageFlags::TRANSFER_DST, MemoryLocation::GpuToCpu)?;
+        let back = Buffer::new(
+            &gpu,
+            "sorted, read",
+            bytes,
+            vk::BufferUsageFlags::TRANSFER_DST,
+            MemoryLocation::GpuToCpu,
+        )?;
         let [keys_in, _] = self.sort.inputs(&buffers, &sorted, key_bits);
         self.uploader.fill(keys_in, n, 1, |at, chunk| chunk.copy_from_slice(&keys[at..at + chunk.len()]))?;
         let descriptors = DescriptorPool::new(&gpu, 2, 12)?;
