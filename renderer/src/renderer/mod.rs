@@ -465,7 +465,13 @@ impl Renderer {
         Ok(())
     }
 
-    fn write_frame_data(&mut self, slot: usize, request: &DrawRequest<'_>, reduction: &Reduction, part: usize) {
+    fn write_frame_data(
+        &mut self,
+        slot: usize,
+        request: &DrawRequest<'_>,
+        reduction: &Reduction,
+        part: usize,
+    ) {
         let data = frame_data(request, reduction, self.ordered);
         self.background = request.config.background;
         let uniform = &mut self.slots[slot].uniform;
