@@ -41,6 +41,10 @@ struct Variant<'a> {
     times: Vec<Duration>,
 }
 
+fn add<'a>(variants: &mut Vec<Variant<'a>>, name: &str, run: impl FnMut() -> Duration + 'a) {
+    variants.push(Variant { name: name.to_owned(), run: Box::new(run), times: Vec::new() });
+}
+
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let n = std::env::args().filter_map(|a| a.parse().ok()).next().unwrap_or(1_000_000);
     let mut random = Random::new(1);
@@ -49,69 +53,51 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let words: Vec<u64> = pairs.iter().map(|p| u64::from(p.0) << 32 | u64::from(p.1)).collect();
 
     let gpu = Gpu::offscreen(&GpuOptions { validation: false })?;
-    let mut variants = Vec::new();
-    let mut add = |name: &str, run: Box<dyn FnMut() -> Duration + '_>| {
-        variants.push((name.to_owned(), run, Vec::new()));
-    };
+    let mut variants: Vec<Variant<'_>> = Vec::new();
     {
         let (mut a, mut b) = (Vec::new(), Vec::new());
         let pairs = &pairs;
-        add(
-            "straightforward, 8 bits",
-            Box::new(move || {
-                a.clone_from(pairs);
-                let start = Instant::now();
-                straightforward(&mut a, &mut b);
-                black_box(&a);
-                start.elapsed()
-            }),
-        );
+        add(&mut variants, "straightforward, 8 bits", move || {
+            a.clone_from(pairs);
+            let start = Instant::now();
+            straightforward(&mut a, &mut b);
+            black_box(&a);
+            start.elapsed()
+        });
         let mut buffers = SortBuffers::default();
-        add(
-            "Motes, processor",
-            Box::new(move || {
-                buffers.set(pairs.iter().copied());
-                let start = Instant::now();
-                radix_sort(&mut buffers, 32);
-                black_box(&buffers);
-                start.elapsed()
-            }),
-        );
+        add(&mut variants, "Motes, processor", move || {
+            buffers.set(pairs.iter().copied());
+            let start = Instant::now();
+            radix_sort(&mut buffers, 32);
+            black_box(&buffers);
+            start.elapsed()
+        });
         let mut a = Vec::new();
-        add(
-            "radsort",
-            Box::new(move || {
-                a.clone_from(pairs);
-                let start = Instant::now();
-                radsort::sort_by_key(&mut a, |p| p.0);
-                black_box(&a);
-                start.elapsed()
-            }),
-        );
+        add(&mut variants, "radsort", move || {
+            a.clone_from(pairs);
+            let start = Instant::now();
+            radsort::sort_by_key(&mut a, |p| p.0);
+            black_box(&a);
+            start.elapsed()
+        });
         let words = &words;
         let mut a = Vec::new();
-        add(
-            "voracious_radix_sort",
-            Box::new(move || {
-                use voracious_radix_sort::RadixSort;
-                a.clone_from(words);
-                let start = Instant::now();
-                a.voracious_sort();
-                black_box(&a);
-                start.elapsed()
-            }),
-        );
+        add(&mut variants, "voracious_radix_sort", move || {
+            use voracious_radix_sort::RadixSort;
+            a.clone_from(words);
+            let start = Instant::now();
+            a.voracious_sort();
+            black_box(&a);
+            start.elapsed()
+        });
         let mut a = Vec::new();
-        add(
-            "std, stable",
-            Box::new(move || {
-                a.clone_from(pairs);
-                let start = Instant::now();
-                a.sort_by_key(|p| p.0);
-                black_box(&a);
-                start.elapsed()
-            }),
-        );
+        add(&mut variants, "std, stable", move || {
+            a.clone_from(pairs);
+            let start = Instant::now();
+            a.sort_by_key(|p| p.0);
+            black_box(&a);
+            start.elapsed()
+        });
     }
     // Keys and sort of a scene, as a frame needs them.
     let positions = Positions::of(&Recipe { count: n, ..Default::default() }.still());
@@ -119,14 +105,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let view = View::look_at(glam::DVec3::NEG_Z, glam::DVec3::ZERO, glam::DVec3::NEG_Y, fov, [64, 64]);
     let request = OrderRequest::new(&[view], &RenderConfig::default());
     let (mut order, mut buffers) = (SplatOrder::default(), SortBuffers::default());
-    add(
-        "Motes, processor, keys too",
-        Box::new(move || {
-            let start = Instant::now();
-            order.sort(&positions, &request, &mut buffers);
-            start.elapsed()
-        }),
-    );
+    add(&mut variants, "Motes, processor, keys too", move || {
+        let start = Instant::now();
+        order.sort(&positions, &request, &mut buffers);
+        start.elapsed()
+    });
     let best = SortShape::of(&gpu.capabilities);
     for (group, run, digit_bits) in [
         (best.group, best.run, best.digit_bits),
@@ -139,13 +122,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let shape = SortShape { group, run, digit_bits };
         let mut sorter = KeySorter::new(&gpu, shape)?;
         let keys = &keys;
-        add(
-            &format!("device, {group} x {run}, {digit_bits} bits"),
-            Box::new(move || sorter.sort(keys, 32).map_or(Duration::MAX, |(_, took)| took)),
-        );
+        add(&mut variants, &format!("device, {group} x {run}, {digit_bits} bits"), move || {
+            sorter.sort(keys, 32).map_or(Duration::MAX, |(_, took)| took)
+        });
     }
-    let mut variants: Vec<_> =
-        variants.into_iter().map(|(name, run, times)| Variant { name, run, times }).collect();
     for round in 0..=ROUNDS {
         for v in &mut variants {
             let took = (v.run)();

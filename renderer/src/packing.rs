@@ -3,7 +3,7 @@
 use crate::{Precision, RenderConfig, ShPrecision};
 use half::f16;
 use motes_scenes::{SH_C0, Splats};
-use motes_shaders::layout::{GEOMETRY_WORDS_F16, GEOMETRY_WORDS_F32, MOTION_WORDS, sh_words};
+use motes_shaders::layout::{GEOMETRY_WORDS_F16, GEOMETRY_WORDS_F32, MOTION_WORDS_F16, MOTION_WORDS_F32, sh_words};
 
 /// Range of the 16-bit log-scales: `e⁻²⁴ … e¹²` m; a step is 5.5·10⁻⁴, so a scale is right within 2.8·10⁻⁴.
 pub const LOG_SCALE_RANGE: (f32, f32) = (-24.0, 12.0);
@@ -28,7 +28,7 @@ impl Packing {
     /// Bytes of a scene on the device, motion included.
     pub fn bytes(&self, splats: &Splats) -> u64 {
         let packing = Self { sh_degree: self.sh_degree.min(splats.sh_degree), ..*self };
-        let motion = if splats.motion.is_some() { MOTION_WORDS as usize } else { 0 };
+        let motion = if splats.motion.is_some() { self.motion_words() } else { 0 };
         4 * (splats.len() * (packing.geometry_words() + packing.sh_words() + motion)) as u64
     }
 
@@ -165,35 +165,36 @@ impl Packing {
         }
     }
 
+    /// 32-bit words of one splat's motion.
+    pub fn motion_words(&self) -> usize {
+        match self.precision {
+            Precision::F32 => MOTION_WORDS_F32 as usize,
+            Precision::F16 | Precision::F16Naive => MOTION_WORDS_F16 as usize,
+        }
+    }
+
     /// Writes the motion of splats `first ..` into `words`; nothing for a static scene.
     ///
     /// Compact rotations are stored with their largest component positive: where that turned one into its negative, which
     /// is the same rotation, the rate of change that is added to it must turn with it.
     pub fn motion(&self, splats: &Splats, first: usize, words: &mut [u32]) {
         let Some(motion) = &splats.motion else { return };
-        for (i, out) in (first..).zip(words.chunks_exact_mut(MOTION_WORDS as usize)) {
-            let p = motion.polynomials[i];
+        for (i, out) in (first..).zip(words.chunks_exact_mut(self.motion_words())) {
+            let mut values = [0.0; 14];
+            values[0] = 1.0 / motion.widths[i];
+            values[1..10].copy_from_slice(motion.polynomials[i].as_flattened());
+            let omega = motion.omegas[i];
             let turned = self.precision == Precision::F16 && turns_sign(splats.rotations[i]);
-            let omega = motion.omegas[i].map(|w| if turned { -w } else { w });
-            let values = [
-                motion.centers[i],
-                1.0 / motion.widths[i],
-                p[0][0],
-                p[0][1],
-                p[0][2],
-                p[1][0],
-                p[1][1],
-                p[1][2],
-                p[2][0],
-                p[2][1],
-                p[2][2],
-                omega[0],
-                omega[1],
-                omega[2],
-                omega[3],
-            ];
-            for (o, v) in out.iter_mut().zip(values) {
-                *o = v.to_bits();
+            values[10..].copy_from_slice(&if turned { omega.map(|v| -v) } else { omega });
+            out[0] = motion.centers[i].to_bits();
+            if self.precision == Precision::F32 {
+                for (o, v) in out[1..].iter_mut().zip(values) {
+                    *o = v.to_bits();
+                }
+            } else {
+                for (o, v) in out[1..].iter_mut().zip(values.chunks_exact(2)) {
+                    *o = half_bits(v[0]) | half_bits(v[1]) << 16;
+                }
             }
         }
     }

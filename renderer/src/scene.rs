@@ -9,7 +9,7 @@ use ash::vk;
 use glam::DVec3;
 use gpu_allocator::MemoryLocation;
 use motes_scenes::Splats;
-use motes_shaders::layout::{MOTION_SHIFT, MOTION_SLOTS, MOTION_WORDS, STREAM_SLOTS};
+use motes_shaders::layout::{MOTION_SHIFT, MOTION_SLOTS, STREAM_SLOTS};
 use rayon::prelude::*;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -80,7 +80,7 @@ impl SceneOnDevice {
             stream("spherical harmonics", packing.sh_words(), STREAM_SLOTS, None, &|first, words| {
                 packing.harmonics(splats, first, words)
             })?;
-        let motion_words = if splats.motion.is_some() { MOTION_WORDS as usize } else { 0 };
+        let motion_words = if splats.motion.is_some() { packing.motion_words() } else { 0 };
         let motion = stream("motion", motion_words, MOTION_SLOTS, Some(MOTION_SHIFT), &|first, words| {
             packing.motion(splats, first, words);
         })?;

@@ -100,13 +100,20 @@ Splat read_splat(uint i) {
     return s;
 }
 
-// Splats move (Spacetime Gaussians, lite model): f32 words centre, 1/width, 9 polynomial coefficients, 4 of rotation.
-const uint MOTION_WORDS = 15u;
+// Splats move (Spacetime Gaussians, lite model): centre, 1/width, 9 polynomial coefficients, 4 of rotation; as f32, or
+// all but the centre as half floats.
 const uint MOTION_SHIFT = 21u;
 
-float motion_float(uint splat, uint word) {
-    uint at = (splat & ((1u << MOTION_SHIFT) - 1u)) * MOTION_WORDS + word;
-    return uintBitsToFloat(splat >> MOTION_SHIFT == 0u ? motion_stream[0].words[at] : motion_stream[1].words[at]);
+uint motion_word(uint splat, uint word) {
+    uint words = PRECISION == PRECISION_F32 ? 15u : 8u;
+    uint at = (splat & ((1u << MOTION_SHIFT) - 1u)) * words + word;
+    return splat >> MOTION_SHIFT == 0u ? motion_stream[0].words[at] : motion_stream[1].words[at];
+}
+
+float motion_float(uint splat, uint value) {
+    if (PRECISION == PRECISION_F32 || value == 0u) return uintBitsToFloat(motion_word(splat, value));
+    vec2 pair = unpackHalf2x16(motion_word(splat, (value + 1u) / 2u));
+    return (value & 1u) == 1u ? pair.x : pair.y;
 }
 
 // Position at a time: mean + p1 dt + p2 dt² + p3 dt³.

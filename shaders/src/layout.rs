@@ -16,8 +16,10 @@ pub const RECORD_WORDS_EXACT: u32 = 13;
 pub const GEOMETRY_WORDS_F32: u32 = 14;
 /// 32-bit words of a splat's geometry in 16-bit forms.
 pub const GEOMETRY_WORDS_F16: u32 = 8;
-/// 32-bit words of a splat's motion.
-pub const MOTION_WORDS: u32 = 15;
+/// 32-bit words of a splat's motion in f32.
+pub const MOTION_WORDS_F32: u32 = 15;
+/// 32-bit words of a splat's motion in half floats, the time centre in f32.
+pub const MOTION_WORDS_F16: u32 = 8;
 /// log2 of the splats in one binding of the motion stream.
 pub const MOTION_SHIFT: u32 = 21;
 /// Bindings of the geometry and of the spherical-harmonics stream.
