@@ -3,7 +3,9 @@
 use crate::{Precision, RenderConfig, ShPrecision};
 use half::f16;
 use motes_scenes::{SH_C0, Splats};
-use motes_shaders::layout::{GEOMETRY_WORDS_F16, GEOMETRY_WORDS_F32, MOTION_WORDS_F16, MOTION_WORDS_F32, sh_words};
+use motes_shaders::layout::{
+    GEOMETRY_WORDS_F16, GEOMETRY_WORDS_F32, MOTION_WORDS_F16, MOTION_WORDS_F32, sh_words,
+};
 
 /// Range of the 16-bit log-scales: `e⁻²⁴ … e¹²` m; a step is 5.5·10⁻⁴, so a scale is right within 2.8·10⁻⁴.
 pub const LOG_SCALE_RANGE: (f32, f32) = (-24.0, 12.0);
