@@ -189,7 +189,7 @@ impl Offscreen {
         views: &[View],
         config: &RenderConfig,
     ) -> Result<(Vec<LayerMap>, FrameReport), GpuError> {
-        if views.len() == 2 && self.stereo == Stereo::TwoPass {
+        if views.len() == 2 && self.stereo_for(config) == Stereo::TwoPass {
             let one_by_one = "layers of two views are counted in one pass (multiview), or view by view";
             return Err(GpuError::Config(crate::ConfigError(one_by_one.into())));
         }
