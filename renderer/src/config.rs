@@ -168,6 +168,13 @@ axis!(
     }
 );
 
+#[allow(clippy::derivable_impls, reason = "the macro has no room for the attribute")]
+impl Default for TimeCull {
+    fn default() -> Self {
+        Self::Index
+    }
+}
+
 axis!(
     /// In which direction splats are blended.
     Composite = "composite" {

@@ -26,6 +26,7 @@ layout(push_constant) uniform Sort {
     uint flags; // SORT_*
     uint first; // first entry of the list of alive splats
     uint key;   // KEY_*
+    float rest[3]; // of the centre: what an f32 leaves of it
 } sort;
 
 uint digit_of(uint key) { return (key >> sort.shift) & (DIGITS - 1u); }

@@ -26,6 +26,7 @@ void main() {
     precise vec3 mean = splat_mean(i);
     if (MOTION) mean = moved_mean(mean, i, frame.filters.w);
     precise vec3 d = mean - frame.sort_center.xyz;
+    d -= vec3(sort.rest[0], sort.rest[1], sort.rest[2]);
     vec3 along = (sort.key & KEY_DEPTH) != 0u ? frame.views[0].rotation[2].xyz : d;
     precise float value = d.x * along.x + d.y * along.y;
     value += d.z * along.z;

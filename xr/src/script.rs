@@ -8,7 +8,7 @@ use ash::vk;
 use motes_app::headset::{Eye, Input};
 use motes_renderer::gpu::{Gpu, Image, ImageDescription};
 use motes_renderer::order::OrderRequest;
-use motes_renderer::{KeyBits, OrderKey, Target};
+use motes_renderer::{KeyBits, OrderKey, Target, TimeCull};
 use serde::{Deserialize, Serialize};
 use std::fs::File;
 use std::io::{BufRead, BufReader, BufWriter, Write};
@@ -42,19 +42,39 @@ pub struct Order {
     bits: KeyBits,
     center: [f64; 3],
     forward: [f64; 3],
+    /// Of the second eye's own order.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    second: Option<[[f64; 3]; 2]>,
     time: f32,
+    #[serde(default)]
+    time_cull: TimeCull,
 }
 
 impl From<OrderRequest> for Order {
     fn from(r: OrderRequest) -> Self {
-        let (center, forward) = (r.center.to_array(), r.forward.to_array());
-        Self { key: r.key, bits: r.bits, center, forward, time: r.time }
+        Self {
+            key: r.key,
+            bits: r.bits,
+            center: r.center.to_array(),
+            forward: r.forward.to_array(),
+            second: r.second.map(|(center, forward)| [center.to_array(), forward.to_array()]),
+            time: r.time,
+            time_cull: r.time_cull,
+        }
     }
 }
 
 impl From<Order> for OrderRequest {
     fn from(o: Order) -> Self {
-        Self { key: o.key, bits: o.bits, center: o.center.into(), forward: o.forward.into(), time: o.time }
+        Self {
+            key: o.key,
+            bits: o.bits,
+            center: o.center.into(),
+            forward: o.forward.into(),
+            second: o.second.map(|[center, forward]| (center.into(), forward.into())),
+            time: o.time,
+            time_cull: o.time_cull,
+        }
     }
 }
 

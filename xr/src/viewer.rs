@@ -3,7 +3,7 @@
 use crate::{Content, FirstView, FrameTime, Headset, Readback, SessionState, Step, XrError};
 use motes_app::headset::{Comfort, Eye, Input, Locomotion, Panel, PanelEvents, Placement, Pose};
 use motes_renderer::order::{OrderRequest, SortWorker};
-use motes_renderer::{DrawRequest, FrameReport, Picture, RenderConfig, Renderer, Stereo, View, midpoint};
+use motes_renderer::{DrawRequest, FrameReport, Picture, RenderConfig, Renderer, Stereo, View};
 
 /// What the last drawn frame showed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -178,19 +178,17 @@ impl Viewer {
         let mut config = self.config.clone();
         config.near *= units;
         config.near_fade *= units;
-        let wanted = OrderRequest {
-            key: config.order,
-            bits: config.key_bits,
-            center: midpoint(&views),
-            forward: views[0].rotation.row(2),
-            time: config.time,
-        };
+        sorter.set_interval(config.sort_interval);
+        let wanted = OrderRequest::new(&views, &config);
         let newest = sorter.newest().0.made_for.unwrap_or(wanted);
         let used = headset.order(newest)?;
         let order = sorter.wait_for(used);
         let target = headset.target()?;
-        let stereo =
-            if self.renderer.gpu().capabilities.multiview { Stereo::Multiview } else { Stereo::TwoPass };
+        let stereo = if self.renderer.gpu().capabilities.multiview && !config.sort_per_eye {
+            Stereo::Multiview
+        } else {
+            Stereo::TwoPass
+        };
         let scene = &content.scene;
         let request = DrawRequest { scene, order, views: &views, config: &config, target: &target, stereo };
         self.renderer.draw(&commands, &request)?;

@@ -110,6 +110,13 @@ impl Positions {
     }
 }
 
+/// A place as the nearest f32 and what that leaves: an f32 alone holds a place far from the scene's origin too coarsely
+/// to tell near splats apart.
+pub(crate) fn two_parts(place: DVec3) -> (Vec3, Vec3) {
+    let nearest = place.as_vec3();
+    (nearest, (place - nearest.as_dvec3()).as_vec3())
+}
+
 /// Sorts splats front to back into `order` (stable: equal keys keep the scene's order). Where each eye has its own
 /// order this is the first eye's; [`SplatOrder::sort`] makes both.
 pub fn sort_front_to_back(
@@ -118,11 +125,11 @@ pub fn sort_front_to_back(
     buffers: &mut SortBuffers,
     order: &mut Vec<u32>,
 ) {
-    let center = (request.center - positions.origin).as_vec3();
+    let (center, rest) = two_parts(request.center - positions.origin);
     let forward = request.forward.as_vec3();
     let (bits, key, time) = (request.bits, request.key, request.time);
     let key_of = |i: u32| {
-        let d = positions.mean(i as usize, time) - center;
+        let d = (positions.mean(i as usize, time) - center) - rest;
         let value = match (key, bits) {
             (OrderKey::Radial, KeyBits::B32) => d.length_squared(),
             // The root: half the exponent's range, twice the resolution.

@@ -1,9 +1,8 @@
 //! Draws with every choice and measures the distance from the f64 reference, before anything is rounded to 8 bits.
 
 use ash::vk;
-use glam::DVec3;
 use motes_renderer::gpu::{Buffer, GpuError, Image, ImageDescription};
-use motes_renderer::order::{OrderRequest, SortBuffers, SplatOrder, sort_front_to_back};
+use motes_renderer::order::{OrderRequest, SortBuffers, SplatOrder};
 use motes_renderer::reference::{self, ReferenceImage, ReferenceOptions, ReferenceOrder};
 use motes_renderer::{
     Composite, DrawRequest, Expansion, FrameReport, OrderKey, Packing, Precision, Projection, RadiusRule,
@@ -163,16 +162,9 @@ impl Rig {
 
     /// The order that a frame of these views has.
     pub fn order(&self, scene: &SceneOnDevice, views: &[View], config: &RenderConfig) -> SplatOrder {
-        let request = OrderRequest {
-            key: config.order,
-            bits: config.key_bits,
-            center: midpoint(views),
-            forward: views.first().map_or(DVec3::Z, |v| v.rotation.row(2)),
-            time: config.time,
-        };
         let mut order = SplatOrder::default();
-        sort_front_to_back(&scene.positions, &request, &mut SortBuffers::default(), &mut order.indices);
-        order.made(request);
+        let request = OrderRequest::new(views, config);
+        order.sort(&scene.positions, &request, &mut SortBuffers::default());
         order
     }
 

@@ -125,6 +125,7 @@ impl DeviceSort {
             flags: if values_are_places { VALUES_ARE_PLACES } else { 0 },
             first: listed.as_ref().map_or(0, |l| l.range.start as u32),
             key,
+            rest: super::two_parts(request.center - scene.origin).1.to_array(),
         };
         let device = self.gpu.device();
         // SAFETY: sets and buffers live until the frame is done, and hold `count` keys.

@@ -105,6 +105,7 @@ pub(crate) struct Push {
     pub flags: u32,
     pub first: u32,
     pub key: u32,
+    pub rest: [f32; 3],
 }
 
 /// `SORT_VALUES_ARE_PLACES` of the shaders.
@@ -184,7 +185,7 @@ impl RadixSort {
                 flags |= KEYS_ARE_DONE;
             }
             let shift = pass * self.shape.digit_bits;
-            let push = Push { count: job.count, tiles, shift, flags, first: 0, key: 0 };
+            let push = Push { count: job.count, tiles, shift, flags, first: 0, key: 0, rest: [0.0; 3] };
             // SAFETY: sets and buffers live until the frame is done; the buffers hold `count` keys.
             unsafe {
                 let compute = vk::PipelineBindPoint::COMPUTE;
