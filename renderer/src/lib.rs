@@ -9,6 +9,8 @@ mod offscreen;
 pub mod order;
 pub mod packing;
 mod passes;
+pub mod pipeline_cache;
+pub mod plan;
 pub mod projection;
 pub mod projection_error;
 pub mod reference;

@@ -1,10 +1,12 @@
 //! Render passes and pipelines, made on first use and kept.
 
 use crate::gpu::{Gpu, GpuError};
+use crate::pipeline_cache::{self, Kept};
 use ash::vk;
 use motes_shaders::layout::Specialization;
 use motes_shaders::modules;
 use std::collections::HashMap;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 fn call<T>(result: Result<T, vk::Result>, call: &'static str) -> Result<T, GpuError> {
@@ -68,6 +70,8 @@ pub(crate) struct Passes {
     pub set_layouts: [vk::DescriptorSetLayout; 4],
     pub layout: vk::PipelineLayout,
     cache: vk::PipelineCache,
+    /// Where the cache is kept on disk.
+    kept_in: Option<PathBuf>,
     passes: HashMap<PassKey, vk::RenderPass>,
     pipelines: HashMap<PipelineKey, vk::Pipeline>,
 }
@@ -82,6 +86,7 @@ impl Passes {
             set_layouts: [vk::DescriptorSetLayout::null(); 4],
             layout: vk::PipelineLayout::null(),
             cache: vk::PipelineCache::null(),
+            kept_in: None,
             passes: HashMap::new(),
             pipelines: HashMap::new(),
         };
@@ -139,6 +144,20 @@ impl Passes {
             "vkCreatePipelineCache",
         )?;
         Ok(made)
+    }
+
+    /// Makes pipelines from what is kept in a folder, and keeps them there when this goes.
+    pub fn keep_in(&mut self, folder: &Path) -> Result<Kept, GpuError> {
+        let (cache, kept) = pipeline_cache::load(&self.gpu, folder)?;
+        // SAFETY: no pipeline is being made; those that were need their cache no more.
+        unsafe {
+            let merged = self.gpu.device().merge_pipeline_caches(cache, &[self.cache]);
+            self.gpu.device().destroy_pipeline_cache(self.cache, None);
+            self.cache = cache;
+            call(merged, "vkMergePipelineCaches")?;
+        }
+        self.kept_in = Some(folder.to_owned());
+        Ok(kept)
     }
 
     /// The cache that pipelines are made with.
@@ -566,6 +585,9 @@ impl Drop for Module {
 
 impl Drop for Passes {
     fn drop(&mut self) {
+        if let Some(folder) = &self.kept_in {
+            pipeline_cache::store(&self.gpu, folder, self.cache);
+        }
         let device = self.gpu.device();
         // SAFETY: the renderer that owns this has waited for its frames.
         unsafe {

@@ -16,7 +16,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// One attribute stream, split over bindings of at most the device's limit at a power of two of splats.
 pub struct Stream {
-    /// One buffer a binding, at least one (a word of nothing where the scene lacks the attribute).
+    /// One buffer a binding; none where the scene lacks the attribute.
     pub buffers: Vec<Buffer>,
     /// log2 of the splats in one binding.
     pub shift: u32,
@@ -147,7 +147,10 @@ fn upload_stream(
     let &StreamShape { name, words, slots, shift } = shape;
     let usage = vk::BufferUsageFlags::STORAGE_BUFFER | vk::BufferUsageFlags::TRANSFER_DST;
     let splat_bytes = words as u64 * 4;
-    if words == 0 || splats == 0 {
+    if words == 0 {
+        return Ok(Stream { buffers: Vec::new(), shift: 0, splat_bytes });
+    }
+    if splats == 0 {
         let buffer = Buffer::new(gpu, name, 16, usage, MemoryLocation::GpuOnly)?;
         return Ok(Stream { buffers: vec![buffer], shift: 0, splat_bytes });
     }

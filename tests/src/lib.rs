@@ -6,6 +6,7 @@ pub mod hard;
 pub mod monado;
 #[cfg(unix)]
 pub mod remote;
+pub mod spirv;
 
 use motes_renderer::gpu::{Gpu, GpuOptions};
 use std::ops::Deref;

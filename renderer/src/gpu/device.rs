@@ -47,7 +47,8 @@ pub trait Bootstrap {
 /// Which device, and how closely it is watched.
 #[derive(Clone, Debug, Default)]
 pub struct GpuOptions {
-    /// Turns on the validation layer with synchronisation validation. It must be installed.
+    /// Turns on the validation layer with synchronisation validation. It must be installed. Where the environment says
+    /// `MOTES_VALIDATION=gpu-assisted`, the layer instruments the shaders too: slow, and it sees what they read.
     pub validation: bool,
 }
 
@@ -198,8 +199,14 @@ impl Gpu {
             .application_name(c"Motes")
             .engine_name(c"Motes")
             .api_version(vk::API_VERSION_1_1);
-        let checks = [vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION];
-        let mut features = vk::ValidationFeaturesEXT::default().enabled_validation_features(&checks);
+        let checks = [
+            vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION,
+            vk::ValidationFeatureEnableEXT::GPU_ASSISTED,
+            vk::ValidationFeatureEnableEXT::GPU_ASSISTED_RESERVE_BINDING_SLOT,
+        ];
+        let assisted = std::env::var_os("MOTES_VALIDATION").is_some_and(|v| v == "gpu-assisted");
+        let checks = &checks[..if assisted { 3 } else { 1 }];
+        let mut features = vk::ValidationFeaturesEXT::default().enabled_validation_features(checks);
         let mut messenger = messenger_info(&messages);
         let mut info = vk::InstanceCreateInfo::default()
             .application_info(&application)

@@ -32,9 +32,10 @@ impl Renderer {
             offset: part as u64 * FRAME_DATA_STRIDE,
             range: size_of::<FrameData>() as u64,
         }];
-        // A stream of fewer bindings fills the rest with its first: they are never read.
+        // A stream of fewer bindings fills the rest with the scene's geometry: they are never read, and a scene
+        // without an attribute has no buffer for it.
         let stream = |buffers: &[Buffer], slots: usize| -> Vec<_> {
-            (0..slots).map(|i| whole(buffers.get(i).unwrap_or(&buffers[0]))).collect()
+            (0..slots).map(|i| whole(buffers.get(i).unwrap_or(&scene.geometry.buffers[0]))).collect()
         };
         let geometry = stream(&scene.geometry.buffers, 4);
         let harmonics = stream(&scene.harmonics.buffers, 4);

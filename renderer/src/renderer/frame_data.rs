@@ -32,7 +32,7 @@ pub(super) fn specialization(
         sh_stored: u32::from(scene.packing.sh_degree),
         sh_precision: scene.packing.sh_precision as u32,
         geometry_slots: scene.geometry.buffers.len() as u32,
-        sh_slots: scene.harmonics.buffers.len() as u32,
+        sh_slots: scene.harmonics.buffers.len().max(1) as u32,
         motion: u32::from(scene.moving),
         views: views as u32,
         composite: u32::from(config.composite == Composite::BackToFront),

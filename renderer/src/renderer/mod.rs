@@ -14,6 +14,7 @@ use crate::gpu::{Buffer, Gpu, GpuError, Image};
 use crate::order::SplatOrder;
 use crate::order::device::DeviceSort;
 use crate::passes::{PassKey, Passes};
+use crate::pipeline_cache::Kept;
 use crate::report::{FrameReport, Queries};
 use crate::scene::SceneOnDevice;
 use crate::view::View;
@@ -24,6 +25,7 @@ use gpu_allocator::MemoryLocation;
 use motes_shaders::layout::FrameData;
 use prepare::PREPARATION_DISPATCHES;
 use std::collections::HashMap;
+use std::path::Path;
 use std::sync::Arc;
 use upscale::{Reduction, Upscaler};
 
@@ -215,6 +217,15 @@ impl Renderer {
     /// The device.
     pub fn gpu(&self) -> &Arc<Gpu> {
         &self.gpu
+    }
+
+    /// Makes pipelines from those kept in a folder ([`crate::pipeline_cache::default_folder`]), and keeps them there
+    /// when the renderer goes. Says what was found.
+    ///
+    /// # Errors
+    /// The driver's. What is wrong with the folder or a file in it is announced, and never an error.
+    pub fn keep_pipelines(&mut self, folder: &Path) -> Result<Kept, GpuError> {
+        self.passes.keep_in(folder)
     }
 
     /// Begins a frame; waits until the frame before the last is done.
