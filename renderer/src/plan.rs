@@ -8,7 +8,6 @@
 use crate::config::{Precision, Projection, RenderConfig, ShPrecision};
 use crate::packing::{LOG_SCALE_RANGE, Packing};
 use motes_scenes::statement::{Histogram, Statement};
-use motes_shaders::layout::MOTION_WORDS;
 use std::fmt;
 
 /// A band is left out where fewer than this share of the splats show 1/255 of it, …
@@ -100,6 +99,13 @@ impl Plan {
             decisions.push(Decision { topic, choice, reason, bytes_per_splat, overridden });
         };
 
+        let seen = |b: &&motes_scenes::statement::Band| b.visible >= BAND_VISIBLE || b.rms >= BAND_RMS;
+        let needed = statement.bands.iter().filter(seen).map(|b| b.degree).max().unwrap_or(0);
+        let sh_degree = overrides.sh_degree.unwrap_or(needed).min(statement.sh_degree);
+        let precision = overrides.precision.unwrap_or_else(|| precision_for(&statement.size));
+        let sh_precision = overrides.sh_precision.unwrap_or(ShPrecision::U8);
+        let packing = Packing { precision, sh_precision, sh_degree };
+
         let motion = statement.motion.is_some();
         let reason = match &statement.motion {
             None => "no splat has motion: neither buffer nor instruction".to_owned(),
@@ -115,16 +121,10 @@ impl Plan {
             Topic::Motion,
             choice.into(),
             reason,
-            if motion { 4 * u64::from(MOTION_WORDS) } else { 0 },
+            if motion { 4 * packing.motion_words() as u64 } else { 0 },
             false,
         );
 
-        let seen = |b: &&motes_scenes::statement::Band| b.visible >= BAND_VISIBLE || b.rms >= BAND_RMS;
-        let needed = statement.bands.iter().filter(seen).map(|b| b.degree).max().unwrap_or(0);
-        let sh_degree = overrides.sh_degree.unwrap_or(needed).min(statement.sh_degree);
-        let precision = overrides.precision.unwrap_or_else(|| precision_for(&statement.size));
-        let sh_precision = overrides.sh_precision.unwrap_or(ShPrecision::U8);
-        let packing = Packing { precision, sh_precision, sh_degree };
         let bands: Vec<_> = statement
             .bands
             .iter()
