@@ -1,7 +1,12 @@
 //! What the viewer does, wherever it runs: opens scenes, moves the eye, keeps time.
 
+pub mod eye;
 pub mod framing;
 pub mod headset;
+pub mod loader;
 pub mod opened;
+pub mod painter;
+pub mod panel;
 pub mod prediction;
 pub mod time;
+pub mod viewer;

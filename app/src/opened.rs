@@ -2,8 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
+use glam::{DMat3, DQuat, DVec3};
+use motes_renderer::{Fov, View};
 use motes_scenes::cameras::{self, Camera};
-use motes_scenes::settings::Settings;
+use motes_scenes::settings::{SavedView, Settings};
 use motes_scenes::{LoadOptions, Scene, SceneError, load_many, sample};
 
 /// A scene, and what belongs to it.
@@ -60,6 +62,17 @@ impl Opened {
         }
         let name = name_of(first);
         Ok(Self { name, path: Some(first.clone()), scene, settings, settings_found, cameras })
+    }
+}
+
+/// A view that was saved with the scene; `fov`: the vertical field of view, radians, where none was saved.
+pub fn saved_view(saved: &SavedView, fov: f64, size: [u32; 2]) -> View {
+    let to_scene = DMat3::from_quat(DQuat::from_array(saved.rotation).normalize());
+    View {
+        rotation: to_scene.transpose(),
+        eye: DVec3::from_array(saved.position),
+        fov: Fov::vertical(saved.vertical_fov.map_or(fov, f64::to_radians), size),
+        size,
     }
 }
 

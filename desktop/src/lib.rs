@@ -7,3 +7,4 @@ pub mod error;
 pub mod measure;
 pub mod shots;
 pub mod studio;
+pub mod window;

@@ -3,14 +3,16 @@
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use motes_desktop::commands::{bench, compare, golden, info, render, xr};
+use motes_desktop::commands::{bench, compare, golden, info, render, view, xr};
 
 /// Viewer for 3-D and 4-D Gaussian splatting scenes.
 #[derive(Parser)]
-#[command(version)]
+#[command(version, args_conflicts_with_subcommands = true)]
 struct Cli {
     #[command(subcommand)]
-    command: Command,
+    command: Option<Command>,
+    #[command(flatten)]
+    view: view::ViewArgs,
 }
 
 #[derive(Subcommand)]
@@ -24,17 +26,18 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let command = Cli::parse().command;
+    let Cli { command, view } = Cli::parse();
     // Which runtime, headset and extensions are in use is what users of a headset need to tell.
-    let filter = if matches!(command, Command::Xr(_)) { "warn,motes_xr=info" } else { "error" };
+    let filter = if matches!(command, Some(Command::Xr(_))) { "warn,motes_xr=info" } else { "error" };
     env_logger::Builder::from_env(env_logger::Env::default().default_filter_or(filter)).init();
     let result = match command {
-        Command::Info(args) => info::run(&args).map_err(|e| e.to_string()),
-        Command::Render(args) => render::run(&args).map_err(|e| e.to_string()),
-        Command::Compare(args) => compare::run(&args).map_err(|e| e.to_string()),
-        Command::Bench(args) => bench::run(&args).map_err(|e| e.to_string()),
-        Command::Golden(args) => golden::run(&args).map_err(|e| e.to_string()),
-        Command::Xr(args) => match xr::run(&args) {
+        None => view::run(&view).map_err(|e| e.to_string()),
+        Some(Command::Info(args)) => info::run(&args).map_err(|e| e.to_string()),
+        Some(Command::Render(args)) => render::run(&args).map_err(|e| e.to_string()),
+        Some(Command::Compare(args)) => compare::run(&args).map_err(|e| e.to_string()),
+        Some(Command::Bench(args)) => bench::run(&args).map_err(|e| e.to_string()),
+        Some(Command::Golden(args)) => golden::run(&args).map_err(|e| e.to_string()),
+        Some(Command::Xr(args)) => match xr::run(&args) {
             Ok(xr::Outcome::Shown) => Ok(()),
             Ok(xr::Outcome::Window(reason)) => Err(reason),
             Err(e) => Err(e.to_string()),

@@ -3,12 +3,12 @@
 use std::path::PathBuf;
 use std::str::FromStr;
 
-use glam::{DMat3, DQuat, DVec3};
+use glam::{DQuat, DVec3};
 use motes_app::framing::Framing;
-use motes_app::opened::Opened;
+use motes_app::opened::{Opened, saved_view};
 use motes_renderer::{Fov, View};
 use motes_scenes::cameras::{self, Camera};
-use motes_scenes::settings::{Axis, Orientation, SavedView, Settings};
+use motes_scenes::settings::{Axis, Orientation, Settings};
 
 use crate::error::CommandError;
 
@@ -201,23 +201,6 @@ pub fn resized(view: &View, size: [u32; 2]) -> View {
     View { fov: Fov::pinhole(fx, fy, cx, cy * ratio, size), size, ..*view }
 }
 
-/// A view that was saved with the scene.
-pub fn saved_view(saved: &SavedView, fov: f64, size: [u32; 2]) -> View {
-    let to_scene = DMat3::from_quat(DQuat::from_array(saved.rotation).normalize());
-    View {
-        rotation: to_scene.transpose(),
-        eye: DVec3::from_array(saved.position),
-        fov: Fov::vertical(saved.vertical_fov.map_or(fov, f64::to_radians), size),
-        size,
-    }
-}
-
-/// The two eyes of a viewer at a view: parallel, `distance` apart along the view's horizontal (scene units).
-pub fn eyes(view: &View, distance: f64) -> [View; 2] {
-    let right = view.rotation.row(0);
-    [-0.5, 0.5].map(|side| View { eye: view.eye + right * (side * distance), ..*view })
-}
-
 #[cfg(test)]
 #[allow(clippy::unwrap_used, reason = "a test may")]
 mod tests {
@@ -234,18 +217,6 @@ mod tests {
         assert_eq!(resized(&view, [640, 480]).fov.left, view.fov.left);
         // What was 20 pixels left of the middle is 40 left of it at twice the size.
         assert!((wide.principal_point()[0] - (960.0 - 40.0)).abs() < 1e-9);
-    }
-
-    #[test]
-    fn eyes_stand_left_and_right() {
-        let fov = Fov::vertical(1.0, [64, 64]);
-        let view = View::look_at(DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, fov, [64, 64]);
-        let [left, right] = eyes(&view, 0.06);
-        assert!(
-            (left.to_eye(DVec3::Z).x - 0.03).abs() < 1e-12,
-            "a thing ahead lies to the right of the left eye"
-        );
-        assert!((right.eye - left.eye).length() - 0.06 < 1e-12);
     }
 
     #[test]

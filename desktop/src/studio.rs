@@ -70,12 +70,17 @@ impl Studio {
         config: &RenderConfig,
     ) -> Result<(Vec<Picture>, FrameReport), CommandError> {
         let (pictures, report) = self.offscreen.render(&self.scene, views, config)?;
-        let picture = |p: &motes_renderer::Picture| {
-            let rgb: Vec<u8> = p.pixels.iter().flat_map(|p| [p[0], p[1], p[2]]).collect();
-            Picture::from_rgb8(p.size, &rgb)
-        };
-        Ok((pictures.iter().map(picture).collect::<Result<_, _>>()?, report))
+        Ok((pictures.iter().map(picture_of).collect::<Result<_, _>>()?, report))
     }
+}
+
+/// A picture of the device's as one to measure and save.
+///
+/// # Errors
+/// It has no pixels.
+pub fn picture_of(picture: &motes_renderer::Picture) -> Result<Picture, CommandError> {
+    let rgb: Vec<u8> = picture.pixels.iter().flat_map(|p| [p[0], p[1], p[2]]).collect();
+    Ok(Picture::from_rgb8(picture.size, &rgb)?)
 }
 
 /// One picture a view by the reference renderer. `trainers`: with their early stop.
@@ -114,10 +119,4 @@ pub fn side_by_side(pictures: &[Picture]) -> Result<Picture, CommandError> {
     };
     let pixels = (0..height).flat_map(|y| pictures.iter().flat_map(move |p| row(p, y))).collect();
     Ok(Picture::new([width * pictures.len() as u32, height], pixels)?)
-}
-
-/// A configuration whose lengths are in scene units, of `scale` metres each: what the renderer is given.
-pub fn in_scene_units(config: &RenderConfig, scale: f64) -> RenderConfig {
-    let length = |metres: f32| (f64::from(metres) / scale) as f32;
-    RenderConfig { near: length(config.near), near_fade: length(config.near_fade), ..config.clone() }
 }

@@ -5,4 +5,5 @@ pub mod compare;
 pub mod golden;
 pub mod info;
 pub mod render;
+pub mod view;
 pub mod xr;

@@ -4,14 +4,15 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use motes_app::opened::Opened;
+use motes_app::viewer::{eyes, in_scene_units};
 use motes_renderer::{FrameReport, RenderConfig, View};
 use motes_scenes::LoadOptions;
 
 use crate::config_args::ConfigArgs;
 use crate::error::CommandError;
 use crate::measure::Picture;
-use crate::shots::{Shot, ShotArgs, eyes};
-use crate::studio::{DeviceArgs, Studio, in_scene_units, no_complaints, reference_pictures, side_by_side};
+use crate::shots::{Shot, ShotArgs};
+use crate::studio::{DeviceArgs, Studio, no_complaints, reference_pictures, side_by_side};
 
 /// Render pictures of a scene into PNG files
 #[derive(Clone, Debug, clap::Args)]

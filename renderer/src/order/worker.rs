@@ -56,6 +56,11 @@ impl SortWorker {
         self.interval = frames.max(1);
     }
 
+    /// Whether an order is being made.
+    pub fn is_sorting(&self) -> bool {
+        self.pending > 0
+    }
+
     /// Asks for an order, once a frame. Does nothing where one is being made already, the newest is as good, or it is
     /// not yet this frame's turn ([`SortWorker::set_interval`]).
     pub fn request(&mut self, request: OrderRequest) {

@@ -1,0 +1,371 @@
+//! The viewer on a flat screen: the scene that is shown, the eye, time, the order of splats. It knows no windows: they
+//! hand it motions and commands, and draw the frames that it describes.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use glam::DVec3;
+use motes_renderer::gpu::Gpu;
+use motes_renderer::order::{OrderRequest, SortWorker, SplatOrder};
+use motes_renderer::{FrameReport, Packing, RenderConfig, SceneOnDevice, Sorter, Upscale, View};
+use motes_scenes::settings::Settings;
+
+use crate::eye::{Eye, EyeMode, EyeMotion};
+use crate::framing::Framing;
+use crate::loader::{LoadError, Loaded, Loader, Loading};
+use crate::opened::Opened;
+use crate::time::TimeControl;
+
+/// What a user can ask for by one press.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Command {
+    /// Fly or orbit.
+    SwitchMode,
+    /// The data set's next camera.
+    NextCamera,
+    /// The one before.
+    PreviousCamera,
+    /// Back to the first view.
+    Reset,
+    /// Both eyes side by side, or one.
+    SwitchStereo,
+    /// Stops or continues time.
+    SwitchPlay,
+    /// Shows or hides the panel.
+    SwitchPanel,
+    /// Saves a picture.
+    Screenshot,
+    /// Ends the program.
+    Quit,
+}
+
+/// A scene that is shown.
+pub struct Stage {
+    /// The scene in memory.
+    pub opened: Arc<Opened>,
+    /// How it stands in the world; may be changed and saved.
+    pub settings: Settings,
+    /// The scene on the device.
+    pub scene: SceneOnDevice,
+    /// Its dense part.
+    pub framing: Framing,
+    /// The data set's camera that was taken last.
+    pub camera: Option<usize>,
+    sorting: SortWorker,
+}
+
+/// The state of a viewer.
+pub struct Viewer {
+    /// How frames are drawn; lengths in metres.
+    pub config: RenderConfig,
+    /// From where.
+    pub eye: Eye,
+    /// Both eyes.
+    pub stereo: bool,
+    /// Distance of the eyes, metres.
+    pub eye_distance: f64,
+    /// The time of a moving scene.
+    pub time: TimeControl,
+    /// Whether the panel is shown.
+    pub panel: bool,
+    /// The last thing that went wrong, or was done.
+    pub message: Option<String>,
+    /// The scene.
+    pub stage: Option<Stage>,
+    gpu: Arc<Gpu>,
+    loading: Option<Loader>,
+    /// Loaders that were cancelled and have not ended yet.
+    cancelled: Vec<Loader>,
+}
+
+/// The angle of view until a data set's camera says another.
+const VERTICAL_FOV: f64 = 60.0 * std::f64::consts::PI / 180.0;
+
+/// Seconds and frames of a moving scene, whose file says neither: the public ones are of 50 frames.
+const DURATION: f64 = 5.0;
+const FRAMES: u32 = 50;
+
+impl Viewer {
+    /// A viewer that shows nothing yet.
+    pub fn new(gpu: &Arc<Gpu>, config: RenderConfig) -> Self {
+        let framing = Framing { center: DVec3::ZERO, radius: 1.0, up: DVec3::NEG_Y };
+        Self {
+            config,
+            eye: Eye::of(&framing, EyeMode::Orbit, VERTICAL_FOV),
+            stereo: false,
+            eye_distance: 0.063,
+            time: TimeControl::new(DURATION, FRAMES),
+            panel: true,
+            message: None,
+            stage: None,
+            gpu: gpu.clone(),
+            loading: None,
+            cancelled: Vec::new(),
+        }
+    }
+
+    /// Begins to open scenes; what is being loaded already is dropped. The scene on show stays until the new one is
+    /// there.
+    pub fn open(&mut self, paths: Vec<PathBuf>) {
+        let loader = Loader::open(&self.gpu, paths, Packing::of_config(&self.config));
+        self.load(loader);
+    }
+
+    fn load(&mut self, loader: Result<Loader, LoadError>) {
+        if let Some(before) = self.loading.take() {
+            before.cancel();
+            self.cancelled.push(before);
+        }
+        match loader {
+            Ok(loader) => self.loading = Some(loader),
+            Err(error) => self.message = Some(error.to_string()),
+        }
+    }
+
+    /// Whether frames change by themselves: a scene is on its way, time goes on, an order is being made, frames are
+    /// gathered.
+    pub fn is_busy(&self) -> bool {
+        let Some(stage) = &self.stage else { return self.loading.is_some() };
+        self.loading.is_some()
+            || stage.scene.moving && self.time.playing()
+            || stage.sorting.is_sorting()
+            || self.config.sorter == Sorter::Stochastic
+            || self.config.upscale == Upscale::InterleavedTemporal && self.config.resolution_scale < 1.0
+    }
+
+    /// How far loading is, while it goes on.
+    pub fn loading(&self) -> Option<Loading> {
+        self.loading.as_ref().map(Loader::progress)
+    }
+
+    /// Goes on by `seconds`: takes a scene that is there, moves the eye, lets time go. Returns the scene that was
+    /// replaced: it may go once no frame uses it any more.
+    pub fn advance(&mut self, seconds: f64, motion: &EyeMotion) -> Option<Stage> {
+        self.cancelled.retain_mut(|loader| loader.poll().is_none());
+        let mut replaced = None;
+        if let Some(result) = self.loading.as_mut().and_then(Loader::poll) {
+            self.loading = None;
+            match result.and_then(|loaded| self.show(loaded)) {
+                Ok(before) => replaced = before,
+                Err(error) => self.message = Some(error.to_string()),
+            }
+        }
+        self.repack();
+        self.eye.move_by(motion);
+        let moving = self.stage.as_ref().is_some_and(|s| s.scene.moving);
+        if moving {
+            if self.config.time != self.time.time() {
+                // It was set by another way: a preset, a camera, the panel.
+                self.time.scrub(self.config.time.into());
+            }
+            self.config.time = self.time.advance(Duration::try_from_secs_f64(seconds).unwrap_or_default());
+        }
+        replaced
+    }
+
+    fn show(&mut self, loaded: Loaded) -> Result<Option<Stage>, LoadError> {
+        let Loaded { opened, scene } = loaded;
+        let same = self.stage.as_ref().is_some_and(|s| Arc::ptr_eq(&s.opened, &opened));
+        let sorting =
+            SortWorker::new(scene.positions.clone()).map_err(|e| LoadError::Thread(e.to_string()))?;
+        if let (true, Some(stage)) = (same, &mut self.stage) {
+            let settings = stage.settings.clone();
+            let (framing, camera) = (stage.framing, stage.camera);
+            return Ok(self.stage.replace(Stage { opened, settings, scene, framing, camera, sorting }));
+        }
+        let settings = opened.settings.clone();
+        let framing = Framing::of(&opened.scene.splats, &settings);
+        self.message = opened.scene.report.warnings.first().cloned();
+        let stage = Stage { opened, settings, scene, framing, camera: None, sorting };
+        let before = self.stage.replace(stage);
+        self.eye = Eye::of(&framing, self.eye.mode, VERTICAL_FOV);
+        self.reset();
+        Ok(before)
+    }
+
+    /// Brings the scene to the device anew where the configuration asks for another packing.
+    fn repack(&mut self) {
+        let Some(stage) = &self.stage else { return };
+        let wanted = Packing::of_config(&self.config);
+        let most = stage.opened.scene.splats.sh_degree;
+        let wanted = Packing { sh_degree: wanted.sh_degree.min(most), ..wanted };
+        let stored = stage.scene.packing;
+        // A lower degree is evaluated from what is stored.
+        let fits = wanted.precision == stored.precision
+            && wanted.sh_precision == stored.sh_precision
+            && wanted.sh_degree <= stored.sh_degree;
+        if !fits && self.loading.is_none() {
+            let loader = Loader::pack(&self.gpu, stage.opened.clone(), wanted);
+            self.load(loader);
+        }
+    }
+
+    /// Back to the first view: the settings', the first camera's, or one that shows the dense part.
+    pub fn reset(&mut self) {
+        let Some(stage) = &mut self.stage else { return };
+        stage.camera = None;
+        self.eye = Eye::of(&stage.framing, self.eye.mode, VERTICAL_FOV);
+        if let Some(saved) = &stage.settings.first_view {
+            self.eye.take(&crate::opened::saved_view(saved, VERTICAL_FOV, [1600, 900]));
+        } else if !stage.opened.cameras.is_empty() {
+            self.take_camera(0);
+        }
+    }
+
+    /// Puts the eye where a camera of the data set stood.
+    pub fn take_camera(&mut self, index: usize) {
+        let Some(stage) = &mut self.stage else { return };
+        let Some(camera) = stage.opened.cameras.get(index) else { return };
+        stage.camera = Some(index);
+        let view = View::from_camera(camera);
+        self.eye.take(&view);
+        // The point to go round: what lies ahead of the camera at the depth of the scene's middle.
+        let depth = view.to_eye(stage.framing.center).z;
+        self.eye.set_distance(if depth > 0.0 { depth } else { stage.framing.radius });
+        if let Some(time) = camera.time {
+            self.config.time = time as f32;
+        }
+    }
+
+    /// Does what was asked for. Screenshots and quitting are the caller's.
+    pub fn obey(&mut self, command: Command) {
+        match command {
+            Command::SwitchMode => {
+                self.eye.mode = if self.eye.mode == EyeMode::Fly { EyeMode::Orbit } else { EyeMode::Fly };
+            }
+            Command::NextCamera | Command::PreviousCamera => {
+                let Some(stage) = &self.stage else { return };
+                let count = stage.opened.cameras.len();
+                if count == 0 {
+                    self.message = Some("there is no camera file beside the scene".into());
+                    return;
+                }
+                let index = match (stage.camera, command) {
+                    (Some(i), Command::NextCamera) => (i + 1) % count,
+                    (Some(i), _) => (i + count - 1) % count,
+                    (None, _) => 0,
+                };
+                self.take_camera(index);
+            }
+            Command::Reset => self.reset(),
+            Command::SwitchStereo => self.stereo = !self.stereo,
+            Command::SwitchPlay => self.time.toggle(),
+            Command::SwitchPanel => self.panel = !self.panel,
+            Command::Screenshot | Command::Quit => {}
+        }
+    }
+
+    /// Takes the settings over after they were changed in the panel: the eye stays, what is up changes.
+    pub fn settings_changed(&mut self) {
+        let Some(stage) = &mut self.stage else { return };
+        let view = self.eye.view([1600, 900]);
+        stage.framing = Framing::of(&stage.opened.scene.splats, &stage.settings);
+        self.eye = Eye::of(&stage.framing, self.eye.mode, self.eye.vertical_fov);
+        self.eye.take(&view);
+        self.eye.set_distance((stage.framing.center - view.eye).length());
+    }
+
+    /// A length to move by in a second, scene units.
+    pub fn pace(&self) -> f64 {
+        self.stage.as_ref().map_or(1.0, |s| 0.5 * s.framing.radius)
+    }
+
+    /// The views of a frame in an image of this size: one, or two side by side of half the width each.
+    pub fn views(&self, size: [u32; 2]) -> Vec<View> {
+        if !self.stereo {
+            return vec![self.eye.view(size)];
+        }
+        let scale = self.stage.as_ref().map_or(1.0, |s| s.settings.scale);
+        eyes(&self.eye.view([(size[0] / 2).max(1), size[1]]), self.eye_distance / scale).to_vec()
+    }
+
+    /// The configuration for the renderer: lengths in scene units.
+    pub fn frame_config(&self) -> RenderConfig {
+        let scale = self.stage.as_ref().map_or(1.0, |s| s.settings.scale);
+        in_scene_units(&self.config, scale)
+    }
+
+    /// The scene and the newest order of its splats; asks for the order that these views want. Before the first order
+    /// is there, it is waited for.
+    pub fn frame(&mut self, views: &[View], config: &RenderConfig) -> Option<(&SceneOnDevice, &SplatOrder)> {
+        let stage = self.stage.as_mut()?;
+        if config.sorter == Sorter::Cpu {
+            let request = OrderRequest::new(views, config);
+            stage.sorting.set_interval(config.sort_interval);
+            stage.sorting.request(request);
+            if stage.sorting.newest().0.made_for.is_none() {
+                stage.sorting.wait_for(request);
+            }
+        }
+        let (order, _) = stage.sorting.newest();
+        Some((&stage.scene, order))
+    }
+}
+
+/// The two eyes of a viewer at a view: parallel, `distance` apart along the view's horizontal (scene units).
+pub fn eyes(view: &View, distance: f64) -> [View; 2] {
+    let right = view.rotation.row(0);
+    [-0.5, 0.5].map(|side| View { eye: view.eye + right * (side * distance), ..*view })
+}
+
+/// A configuration whose lengths are in scene units, of `scale` metres each: what the renderer is given.
+pub fn in_scene_units(config: &RenderConfig, scale: f64) -> RenderConfig {
+    let length = |metres: f32| (f64::from(metres) / scale) as f32;
+    RenderConfig { near: length(config.near), near_fade: length(config.near_fade), ..config.clone() }
+}
+
+/// Frame times of the last moments, and what the newest frame took.
+#[derive(Clone, Debug, Default)]
+pub struct Figures {
+    /// The newest finished frame.
+    pub report: FrameReport,
+    /// Seconds from frame to frame, oldest first; at most [`Figures::KEPT`].
+    pub frames: std::collections::VecDeque<f64>,
+}
+
+impl Figures {
+    /// Frames that are averaged.
+    pub const KEPT: usize = 60;
+
+    /// Takes a frame.
+    pub fn add(&mut self, seconds: f64, report: &FrameReport) {
+        if self.frames.len() == Self::KEPT {
+            self.frames.pop_front();
+        }
+        self.frames.push_back(seconds);
+        self.report.clone_from(report);
+    }
+
+    /// Mean seconds from frame to frame; 0 before the first.
+    pub fn seconds(&self) -> f64 {
+        self.frames.iter().sum::<f64>() / self.frames.len().max(1) as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DMat3;
+    use motes_renderer::Fov;
+
+    #[test]
+    fn eyes_stand_left_and_right() {
+        let fov = Fov::vertical(1.0, [64, 64]);
+        let view = View { rotation: DMat3::IDENTITY, eye: DVec3::ZERO, fov, size: [64, 64] };
+        let [left, right] = eyes(&view, 0.06);
+        assert!(
+            (left.to_eye(DVec3::Z).x - 0.03).abs() < 1e-12,
+            "a thing ahead lies to the right of the left eye"
+        );
+        assert!(((right.eye - left.eye).length() - 0.06).abs() < 1e-12);
+    }
+
+    #[test]
+    fn lengths_are_scaled_to_the_scene() {
+        let config = RenderConfig { near: 0.2, near_fade: 0.1, ..Default::default() };
+        let scaled = in_scene_units(&config, 2.0);
+        assert_eq!((scaled.near, scaled.near_fade), (0.1, 0.05));
+        assert_eq!(RenderConfig { near: 0.2, near_fade: 0.1, ..scaled }, config);
+    }
+}

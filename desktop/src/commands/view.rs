@@ -1,0 +1,61 @@
+//! `motes SCENE`: the window.
+
+use std::path::PathBuf;
+
+use motes_scenes::settings::Settings;
+
+use crate::config_args::ConfigArgs;
+use crate::error::CommandError;
+use crate::shots::Size;
+use crate::studio::DeviceArgs;
+use crate::window::{self, KEYS, WindowOptions};
+
+/// Show scenes in a window
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = format!("Keys:\n{KEYS}"))]
+pub struct ViewArgs {
+    /// Scene files or folders, merged (the sample, where none is named)
+    pub scenes: Vec<PathBuf>,
+    /// Both eyes, side by side
+    #[arg(long)]
+    pub stereo: bool,
+    /// Without the panel (Tab shows it)
+    #[arg(long)]
+    pub no_panel: bool,
+    /// Size of the window
+    #[arg(long, value_name = "WxH", default_value = "1600x900")]
+    pub size: Size,
+    /// Where pictures are saved
+    #[arg(long, value_name = "FOLDER", default_value = ".")]
+    pub pictures: PathBuf,
+    /// As many frames as there can be, without waiting for the screen
+    #[arg(long)]
+    pub unpaced: bool,
+    #[command(flatten)]
+    config: ConfigArgs,
+    #[command(flatten)]
+    device: DeviceArgs,
+}
+
+/// Shows the window until it is closed.
+///
+/// # Errors
+/// There is no display or device, or a scene that was named is not there.
+pub fn run(args: &ViewArgs) -> Result<(), CommandError> {
+    for scene in &args.scenes {
+        // Said at once, rather than in a window.
+        std::fs::metadata(scene).map_err(CommandError::io(scene))?;
+        Settings::load(scene)?;
+    }
+    window::run(WindowOptions {
+        scenes: args.scenes.clone(),
+        config: args.config.config(),
+        stereo: args.stereo,
+        panel: !args.no_panel,
+        size: args.size.0,
+        pictures: args.pictures.clone(),
+        device: args.device.device.clone(),
+        validation: args.device.validation,
+        paced: !args.unpaced,
+    })
+}

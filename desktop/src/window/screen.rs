@@ -1,0 +1,275 @@
+//! Frames onto the window: the splats into an image of one layer an eye, copied side by side, and the panel over it.
+
+use std::sync::Arc;
+
+use ash::vk;
+use egui::{ClippedPrimitive, TexturesDelta};
+use motes_app::painter::{Before, Painter, PainterError};
+use motes_app::viewer::{Figures, Viewer};
+use motes_renderer::gpu::{Gpu, GpuError, Image, ImageDescription};
+use motes_renderer::{DrawRequest, Offscreen, RenderConfig, Renderer, Stereo, Target, View};
+use winit::raw_window_handle::{RawDisplayHandle, RawWindowHandle};
+
+use super::swapchain::{Acquired, FRAMES, Swapchain};
+use crate::error::CommandError;
+use crate::measure::Picture;
+use crate::studio::{picture_of, side_by_side};
+
+/// Draws frames. Fields go in this order.
+pub struct Screen {
+    /// What the last frames took.
+    pub figures: Figures,
+    painter: Painter,
+    eyes: Option<Image>,
+    renderer: Renderer,
+    /// Takes pictures for files; made with the first.
+    offscreen: Option<Offscreen>,
+    swapchain: Swapchain,
+    gpu: Arc<Gpu>,
+    /// The window's size, where the swapchain does not fit it any more.
+    stale: Option<[u32; 2]>,
+    frames: usize,
+    /// The last configuration that the device accepted.
+    accepted: RenderConfig,
+}
+
+impl Screen {
+    /// For a window that outlives it.
+    ///
+    /// # Errors
+    /// The window system's or the driver's.
+    pub fn new(
+        gpu: &Arc<Gpu>,
+        display: RawDisplayHandle,
+        window: RawWindowHandle,
+        size: [u32; 2],
+        paced: bool,
+    ) -> Result<Self, CommandError> {
+        let swapchain = Swapchain::new(gpu, display, window, size, paced)?;
+        let before = Before::Picture(vk::ImageLayout::TRANSFER_DST_OPTIMAL);
+        let painter =
+            Painter::new(gpu, swapchain.format(), before, vk::ImageLayout::PRESENT_SRC_KHR, FRAMES)?;
+        Ok(Self {
+            figures: Figures::default(),
+            painter,
+            eyes: None,
+            renderer: Renderer::new(gpu)?,
+            offscreen: None,
+            swapchain,
+            gpu: gpu.clone(),
+            stale: None,
+            frames: 0,
+            accepted: RenderConfig::default(),
+        })
+    }
+
+    /// Width and height, pixels.
+    pub fn size(&self) -> [u32; 2] {
+        self.swapchain.size()
+    }
+
+    /// The window has another size.
+    pub fn resize(&mut self, size: [u32; 2]) {
+        self.stale = Some(size);
+    }
+
+    fn fit(&mut self) -> Result<(), CommandError> {
+        if let Some(size) = self.stale.take() {
+            self.gpu.wait_idle()?;
+            self.painter.forget_targets()?;
+            self.swapchain.resize(size)?;
+        }
+        Ok(())
+    }
+
+    /// Draws a frame and shows it.
+    ///
+    /// # Errors
+    /// The device was lost, or is out of memory. Choices that it does not offer are the viewer's message, and the last
+    /// ones that it took are drawn.
+    pub fn draw(
+        &mut self,
+        viewer: &mut Viewer,
+        seconds: f64,
+        textures: TexturesDelta,
+        shapes: &[ClippedPrimitive],
+        pixels_per_point: f32,
+    ) -> Result<(), CommandError> {
+        self.painter.update(textures)?;
+        self.fit()?;
+        let size = self.swapchain.size();
+        if size.contains(&0) {
+            return Ok(());
+        }
+        let views = viewer.views(size);
+        let config = self.accept(viewer, &views);
+        if viewer.stage.is_some() {
+            self.fit_eyes(&views)?;
+        }
+        let frame = self.renderer.begin()?;
+        let commands = frame.commands();
+        self.figures.add(seconds, self.renderer.last_report());
+        self.frames += 1;
+        let Some(acquired) = self.swapchain.acquire(self.frames)? else {
+            self.stale = self.stale.or(Some(size));
+            return Ok(self.renderer.submit(frame, &[], &[])?);
+        };
+        match (viewer.frame(&views, &config), &self.eyes) {
+            (Some((scene, order)), Some(eyes)) => {
+                let target = Target {
+                    all: eyes.view(),
+                    layers: [eyes.layer_view(0), eyes.layer_view(1)],
+                    format: eyes.description().format,
+                    size: eyes.description().size,
+                    layout: vk::ImageLayout::TRANSFER_SRC_OPTIMAL,
+                    background_alpha: 1.0,
+                };
+                let one_pass = self.gpu.capabilities.multiview && !config.sort_per_eye;
+                let stereo = if one_pass { Stereo::Multiview } else { Stereo::TwoPass };
+                let request =
+                    DrawRequest { scene, order, views: &views, config: &config, target: &target, stereo };
+                self.renderer.draw(&frame, &request)?;
+                to_window(&self.gpu, commands, &acquired, Some(eyes), size, views.len());
+            }
+            _ => to_window(&self.gpu, commands, &acquired, None, size, 0),
+        }
+        self.painter.draw(commands, acquired.view, size, pixels_per_point, shapes)?;
+        let wait = [(acquired.free, vk::PipelineStageFlags::TRANSFER)];
+        self.renderer.submit(frame, &wait, &[acquired.drawn])?;
+        if !self.swapchain.present(&acquired)? {
+            self.stale = self.stale.or(Some(size));
+        }
+        Ok(())
+    }
+
+    /// The viewer's configuration where the device takes it, else the last one that it took.
+    fn accept(&mut self, viewer: &mut Viewer, views: &[View]) -> RenderConfig {
+        let config = viewer.frame_config();
+        match config.check(views.len(), &self.gpu.capabilities) {
+            Ok(()) => self.accepted.clone_from(&config),
+            Err(error) => viewer.message = Some(error.to_string()),
+        }
+        self.accepted.clone()
+    }
+
+    fn fit_eyes(&mut self, views: &[View]) -> Result<(), GpuError> {
+        let description = ImageDescription {
+            format: self.swapchain.format(),
+            size: views.first().map_or([1, 1], |v| v.size),
+            layers: views.len() as u32,
+            usage: vk::ImageUsageFlags::COLOR_ATTACHMENT | vk::ImageUsageFlags::TRANSFER_SRC,
+            aspect: vk::ImageAspectFlags::COLOR,
+        };
+        if self.eyes.as_ref().is_none_or(|i| i.description() != description) {
+            self.renderer.forget_targets()?;
+            self.eyes = None;
+            self.eyes = Some(Image::new(&self.gpu, "eyes", description)?);
+        }
+        Ok(())
+    }
+
+    /// What is shown, without the panel, both eyes side by side.
+    ///
+    /// # Errors
+    /// There is no scene yet, or the driver's.
+    pub fn picture(&mut self, viewer: &mut Viewer) -> Result<Picture, CommandError> {
+        let size = self.swapchain.size();
+        let views = viewer.views(size);
+        let config = self.accept(viewer, &views);
+        let Some(stage) = &viewer.stage else {
+            return Err(CommandError::Usage("there is no scene to take a picture of yet".into()));
+        };
+        let offscreen = match &mut self.offscreen {
+            Some(offscreen) => offscreen,
+            none => none.insert(Offscreen::new(&self.gpu)?),
+        };
+        let (pictures, _) = offscreen.render(&stage.scene, &views, &config)?;
+        side_by_side(&pictures.iter().map(picture_of).collect::<Result<Vec<_>, _>>()?)
+    }
+}
+
+impl From<PainterError> for CommandError {
+    fn from(error: PainterError) -> Self {
+        match error {
+            PainterError::Gpu(error) => Self::Gpu(error),
+            PainterError::Panel(_) => Self::Failed(error.to_string()),
+        }
+    }
+}
+
+/// Brings the eyes' pictures onto the window's image, which is left as a copy's destination; without eyes it is grey.
+fn to_window(
+    gpu: &Gpu,
+    commands: vk::CommandBuffer,
+    acquired: &Acquired,
+    eyes: Option<&Image>,
+    size: [u32; 2],
+    layers: usize,
+) {
+    let device = gpu.device();
+    let range = vk::ImageSubresourceRange {
+        aspect_mask: vk::ImageAspectFlags::COLOR,
+        base_mip_level: 0,
+        level_count: 1,
+        base_array_layer: 0,
+        layer_count: 1,
+    };
+    let transfer = vk::PipelineStageFlags::TRANSFER;
+    let barrier = |old, from, to| {
+        vk::ImageMemoryBarrier::default()
+            .image(acquired.image)
+            .old_layout(old)
+            .new_layout(vk::ImageLayout::TRANSFER_DST_OPTIMAL)
+            .src_access_mask(from)
+            .dst_access_mask(to)
+            .src_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
+            .dst_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
+            .subresource_range(range)
+    };
+    let write = vk::AccessFlags::TRANSFER_WRITE;
+    let none = vk::DependencyFlags::empty();
+    let first = barrier(vk::ImageLayout::UNDEFINED, vk::AccessFlags::empty(), write);
+    let between = barrier(vk::ImageLayout::TRANSFER_DST_OPTIMAL, write, write);
+    let grey = vk::ClearColorValue { float32: [0.06, 0.06, 0.07, 1.0] };
+    let layout = vk::ImageLayout::TRANSFER_DST_OPTIMAL;
+    let covered = eyes.map_or([0, 0], |e| [e.description().size[0] * layers as u32, e.description().size[1]]);
+    // SAFETY: the images are alive, and what is copied lies within both. The semaphore that the frame waits for at
+    // this stage says when the window's image may be written.
+    unsafe {
+        device.cmd_pipeline_barrier(commands, transfer, transfer, none, &[], &[], &[first]);
+        if covered != size {
+            // An odd column at the side of two eyes, or no scene at all.
+            device.cmd_clear_color_image(commands, acquired.image, layout, &grey, &[range]);
+            device.cmd_pipeline_barrier(commands, transfer, transfer, none, &[], &[], &[between]);
+        }
+        let Some(eyes) = eyes else { return };
+        let [width, height] = eyes.description().size;
+        let layer = |base_array_layer| vk::ImageSubresourceLayers {
+            aspect_mask: vk::ImageAspectFlags::COLOR,
+            mip_level: 0,
+            base_array_layer,
+            layer_count: 1,
+        };
+        let copies: Vec<_> = (0..layers as u32)
+            .map(|eye| {
+                vk::ImageCopy::default()
+                    .src_subresource(layer(eye))
+                    .dst_subresource(layer(0))
+                    .dst_offset(vk::Offset3D { x: (eye * width) as i32, y: 0, z: 0 })
+                    .extent(vk::Extent3D {
+                        width: width.min(size[0] - (eye * width).min(size[0])),
+                        height: height.min(size[1]),
+                        depth: 1,
+                    })
+            })
+            .collect();
+        device.cmd_copy_image(
+            commands,
+            eyes.raw(),
+            vk::ImageLayout::TRANSFER_SRC_OPTIMAL,
+            acquired.image,
+            layout,
+            &copies,
+        );
+    }
+}
