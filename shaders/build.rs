@@ -18,6 +18,7 @@ const SHADERS: &[(&str, &str, &[&str])] = &[
     ("SORT_COUNT_COMP", "sort_count.comp", &[]),
     ("SORT_SCAN_COMP", "sort_scan.comp", &[]),
     ("SORT_SCATTER_COMP", "sort_scatter.comp", &[]),
+    ("SCHEDULE_COMP", "schedule.comp", &[]),
     ("SPLAT_VERT", "splat.vert", &[]),
     ("SPLAT_VERT_EXACT", "splat.vert", &["EXACT"]),
     ("SPLAT_VERT_MULTIVIEW", "splat.vert", &["MULTIVIEW"]),

@@ -155,7 +155,7 @@ pub const CHOICES: &[Choice] = &[
     choice!(sort_interval, "sort-interval", Kind::Whole(1, 60), "A new order every n-th frame"),
     choice!(time_cull: TimeCull, "Which splats of a moving scene a frame looks at"),
     choice!(composite: Composite, "In which direction splats are blended"),
-    choice!(batches, "batches", Kind::Whole(2, 8), "Early stop: batches per frame"),
+    choice!(batches, "batches", Kind::Whole(2, 32), "Early stop: batches per frame"),
     choice!(
         stop_below,
         "stop-below",

@@ -315,7 +315,7 @@ impl Default for RenderConfig {
             sort_interval: 1,
             time_cull: TimeCull::Index,
             composite: Composite::EarlyStop,
-            batches: 8,
+            batches: 16,
             stop_below: 1.0 / 255.0,
             precision: Precision::F32,
             sh_precision: ShPrecision::F32,

@@ -49,6 +49,7 @@ pub(crate) enum Preparation {
     Project,
     Plan,
     Emit,
+    Schedule,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -116,6 +117,7 @@ impl Passes {
                 binding(4, storage, 1),
                 binding(5, storage, 1),
                 binding(6, storage, 1),
+                binding(7, storage, 1),
             ],
             vec![
                 // The blended image within its pass; afterwards; and the frame before.
@@ -373,6 +375,7 @@ impl Passes {
             Preparation::Project => modules::PROJECT_COMP,
             Preparation::Plan => modules::PLAN_COMP,
             Preparation::Emit => modules::EMIT_COMP,
+            Preparation::Schedule => modules::SCHEDULE_COMP,
         };
         let module = Module::new(&self.gpu, code)?;
         let entries = specialization_entries();

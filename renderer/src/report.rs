@@ -35,6 +35,8 @@ pub struct FrameReport {
     pub visible: u32,
     /// Pixels of all polygons, as predicted before drawing (precomputed expansion).
     pub predicted_fragments: f32,
+    /// Of those, pixels that early stop is predicted to leave.
+    pub predicted_unhidden: f32,
     /// Draw calls, full-screen ones among them.
     pub draws: u32,
     /// Compute dispatches.

@@ -5,7 +5,7 @@ use crate::order::OrderRequest;
 use crate::report::FrameReport;
 use ash::vk;
 use gpu_allocator::MemoryLocation;
-use motes_shaders::layout::{BLOCK, Plan, RECORD_WORDS, RECORD_WORDS_EXACT};
+use motes_shaders::layout::{BLOCK, DEPTH_TABLE_BYTES, Plan, RECORD_WORDS, RECORD_WORDS_EXACT};
 use std::sync::Arc;
 
 /// An order that was made on the device.
@@ -56,8 +56,11 @@ pub(crate) struct Workspace {
     pub orders: [Order; 2],
     pub records: [Buffer; 2],
     pub blocks: Buffer,
-    pub flags: Buffer,
+    /// Where each splat lies in the image of each view.
+    pub footprints: Buffer,
     pub offsets: Buffer,
+    /// Light that each step of the order takes from each tile of the image.
+    pub depths: Buffer,
     pub visible: Buffer,
     pub plan: Buffer,
     /// The plan of each frame, read back after it is done.
@@ -105,8 +108,13 @@ impl Workspace {
                 buffer("records of view 1", record_bytes, storage)?,
             ],
             blocks: buffer("block sums", 8 * blocks, storage)?,
-            flags: buffer("visibility flags", 4 * n, storage)?,
-            offsets: buffer("block offsets", 4 * blocks, storage)?,
+            footprints: buffer("footprints", 8 * n, storage)?,
+            offsets: buffer("block offsets", 8 * blocks, storage)?,
+            depths: buffer(
+                "optical depths",
+                DEPTH_TABLE_BYTES,
+                storage | vk::BufferUsageFlags::TRANSFER_DST,
+            )?,
             visible: buffer("visible splats", 4 * n, storage)?,
             plan: buffer("plan", plan_bytes, plan_usage)?,
             plans,
@@ -146,6 +154,7 @@ impl Workspace {
             let plan: Plan = bytemuck::pod_read_unaligned(bytes);
             report.visible += plan.visible;
             report.predicted_fragments += plan.area;
+            report.predicted_unhidden += plan.unhidden;
         }
     }
 }

@@ -61,6 +61,8 @@ const uint BLOCK = 128;
 const uint QUADS_PER_INSTANCE = 256;
 // Most batches of an early-stop frame.
 const uint MAX_BATCHES = 32;
+// Steps of equal area that batches are made of.
+const uint BINS = 256;
 // Least blended opacity: below one step of an 8-bit image nothing lands.
 const float MIN_ALPHA = 1.0 / 255.0;
 // Largest blended opacity (the trainers' cap).

@@ -1,22 +1,20 @@
 #version 460
-// One workgroup: prefix sums over the blocks' counts and pixels, batches of equal pixels, indirect draws.
+// One workgroup: prefix sums over the blocks' counts and pixels; where each block's splats go and in which bin they are.
 #include "records.glsl"
 
-const uint THREADS = 256;
+const uint THREADS = BINS;
 layout(local_size_x = THREADS) in;
 layout(set = 2, binding = 2, std430) buffer Blocks { vec2 blocks[]; };
-layout(set = 2, binding = 4, std430) writeonly buffer Offsets { uint offsets[]; };
+layout(set = 2, binding = 4, std430) writeonly buffer Offsets { uvec2 offsets[]; }; // first entry in the list of visible splats, bin
 layout(set = 2, binding = 5, std430) buffer PlanBuffer { Plan plan; };
 
 shared uint counts[THREADS];
 shared float areas[THREADS];
-shared uint ends[MAX_BATCHES];
+shared uint ends[BINS];
 
 void main() {
     uint local = gl_LocalInvocationID.x;
     uint block_count = (frame.counts.x + BLOCK - 1u) / BLOCK;
-    uint batches = frame.counts.y;
-    uint corners = frame.counts.z;
 
     // Every thread owns a run of blocks.
     uint run = (block_count + THREADS - 1u) / THREADS;
@@ -30,7 +28,7 @@ void main() {
     }
     counts[local] = count;
     areas[local] = area;
-    if (local < MAX_BATCHES) ends[local] = 0u;
+    ends[local] = 0u;
     barrier();
     for (uint step = 1u; step < THREADS; step <<= 1) {
         uint c = local >= step ? counts[local - step] : 0u;
@@ -45,32 +43,24 @@ void main() {
 
     uint before = counts[local] - count;
     float area_before = local > 0u ? areas[local - 1u] : 0.0;
-    float share = total / float(batches);
     for (uint b = begin; b < end; b++) {
-        offsets[b] = before;
-        uint after = before + uint(blocks[b].x);
-        float area_after = area_before + blocks[b].y;
-        // A batch ends with the first block that brings the running sum to its share.
-        for (uint i = 0u; i + 1u < batches; i++) {
-            float target = share * float(i + 1u);
-            if (area_before < target && area_after >= target) ends[i] = after;
-        }
-        before = after;
-        area_before = area_after;
+        uint bin = total > 0.0 ? min(uint(area_before / total * float(BINS)), BINS - 1u) : 0u;
+        offsets[b] = uvec2(before, bin);
+        before += uint(blocks[b].x);
+        area_before += blocks[b].y;
+        atomicMax(ends[bin], before);
     }
     barrier();
+    // A bin without a block ends where the one before it does.
+    for (uint step = 1u; step < BINS; step <<= 1) {
+        uint e = local >= step ? ends[local - step] : 0u;
+        barrier();
+        ends[local] = max(ends[local], e);
+        barrier();
+    }
+    plan.bin_ends[local] = ends[local];
     if (local == 0u) {
         plan.visible = visible;
         plan.area = total;
-        uint start = 0u;
-        for (uint i = 0u; i < batches; i++) {
-            // Rounding may leave a target unmet: such a batch is empty, the last one takes the rest.
-            uint stop = i + 1u == batches ? visible : max(ends[i], start);
-            plan.starts[i] = start;
-            plan.draws[i] = Draw((corners - 2u) * 3u * QUADS_PER_INSTANCE,
-                                 (stop - start + QUADS_PER_INSTANCE - 1u) / QUADS_PER_INSTANCE, 0u, 0, 0u);
-            start = stop;
-        }
-        plan.starts[batches] = visible;
     }
 }

@@ -8,7 +8,7 @@ layout(local_size_x = BLOCK) in;
 layout(set = 2, binding = 0, std430) readonly buffer Order { uint order[]; };
 layout(set = 2, binding = 1, std430) writeonly buffer Records { uint words[]; } records[2];
 layout(set = 2, binding = 2, std430) writeonly buffer Blocks { vec2 blocks[]; }; // visible splats, pixels
-layout(set = 2, binding = 3, std430) writeonly buffer Flags { uint flags[]; };
+layout(set = 2, binding = 3, std430) writeonly buffer Footprints { uint footprints[]; }; // one a view; 0: not in it
 
 shared vec2 sums[BLOCK];
 
@@ -25,6 +25,25 @@ void write_record(uint view, uint slot, Ellipse e, vec3 color) {
     } else {
         for (uint w = 0u; w < record_words(); w++) records[1].words[at + w] = words[w];
     }
+}
+
+uint footprint(Ellipse e, ViewData view) {
+    float k = polygon_radius(e.opacity);
+    float own = max(e.area, 1e-6) / (shape_area() * max(k * k, 1e-6)); // σ₁σ₂, pixels
+    // ∫ -ln(1 - o exp(-d²/2)) = 2π σ₁σ₂ Li₂(o); the polynomial is within 4 % of the dilogarithm.
+    float o = min(e.opacity, MAX_ALPHA);
+    float light = 6.2831853 * own * o * (1.0 + o * (0.25 + o * 0.395));
+    vec2 size = view.image.zw;
+    vec2 low = vec2(0.0), high = vec2(1.0);
+    if (e.m.z > 1e-3) {
+        vec2 center = (e.m.xy / e.m.z - view.tangents.xz) / (view.tangents.yw - view.tangents.xz);
+        vec2 radius = k * sqrt(own / max(e.ratio, 1e-3)) / size;
+        low = clamp(center - radius, 0.0, 0.999);
+        high = clamp(center + radius, 0.0, 0.999);
+    }
+    uvec4 tiles = uvec4(low * float(TILE_SIDE), min(high, 0.999) * float(TILE_SIDE));
+    float covered = float((tiles.z - tiles.x + 1u) * (tiles.w - tiles.y + 1u));
+    return pack_footprint(tiles, light * float(TILES) / (size.x * size.y * covered));
 }
 
 void main() {
@@ -49,7 +68,8 @@ void main() {
             }
             mine.x = 1.0;
         }
-        flags[slot] = visible ? 1u : 0u;
+        for (uint view = 0u; view < VIEWS; view++)
+            footprints[slot * VIEWS + view] = e[view].visible ? footprint(e[view], frame.views[view]) : 0u;
     }
     // A tree, not an atomic: sums of floats come out the same every time.
     uint local = gl_LocalInvocationID.x;

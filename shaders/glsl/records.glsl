@@ -20,7 +20,28 @@ struct Plan {
     uint starts[MAX_BATCHES + 1]; // first entry of each batch in the list of visible splats
     uint visible;                 // splats that are drawn
     float area;                   // predicted pixels of all polygons, before any early stop
-    uint padding;
+    float unhidden;               // of those, predicted pixels that early stop leaves
+    uint bin_ends[BINS];          // first entry after each bin in the list of visible splats
 };
+
+// The order in coarse steps of equal area, and the image in coarse tiles: how much light each step takes from each tile
+// says where early stop will find something to do.
+const uint TILE_SIDE = 32u; // tiles of a view along each side
+const uint TILES = TILE_SIDE * TILE_SIDE;
+const float DEPTH_UNIT = 4096.0; // optical depth is summed in whole numbers, which come out the same in any order
+
+// Where in the image a splat lies (in tiles) and what optical depth it adds to each of them, in one word; never 0.
+uint pack_footprint(uvec4 tiles, float depth) {
+    uint level = uint(clamp(round((log2(max(depth, 1e-6)) + 16.0) * 64.0), 0.0, 2047.0));
+    return 1u | (tiles.x << 1) | (tiles.y << 6) | ((tiles.z - tiles.x) << 11) | ((tiles.w - tiles.y) << 16) | (level << 21);
+}
+
+// First and last tile, both inclusive.
+uvec4 footprint_tiles(uint word) {
+    uvec2 first = uvec2(word >> 1, word >> 6) & 31u;
+    return uvec4(first, first + (uvec2(word >> 11, word >> 16) & 31u));
+}
+
+float footprint_depth(uint word) { return exp2(float(word >> 21) / 64.0 - 16.0); }
 
 #endif

@@ -8,6 +8,10 @@ pub const BLOCK: u32 = 128;
 pub const QUADS_PER_INSTANCE: u32 = 256;
 /// Most batches of an early-stop frame.
 pub const MAX_BATCHES: usize = 32;
+/// Steps of equal area that batches are made of.
+pub const BINS: usize = 256;
+/// Bytes of the table of optical depth: bins × views × tiles × 4.
+pub const DEPTH_TABLE_BYTES: u64 = BINS as u64 * 2 * 32 * 32 * 4;
 /// 32-bit words of a record (affine and tangent).
 pub const RECORD_WORDS: u32 = 8;
 /// 32-bit words of a record of the exact projection.
@@ -92,8 +96,10 @@ pub struct Plan {
     pub visible: u32,
     /// Predicted pixels of all polygons, before any early stop.
     pub area: f32,
-    /// Unused.
-    pub padding: u32,
+    /// Of those, predicted pixels that early stop leaves.
+    pub unhidden: f32,
+    /// First entry after each bin in the list of visible splats.
+    pub bin_ends: [u32; BINS],
 }
 
 /// 32-bit words of a splat's spherical harmonics above the constant band.

@@ -36,10 +36,12 @@ fn main() {
             let (maps, _) = offscreen.layers(&scene, &views, config).unwrap();
             let (picture, report) = offscreen.render(&scene, &views, config).unwrap();
             println!(
-                "{name:18} {label:34} shaded {:6.2}  blended {:6.2}  statistic {:6.2}",
+                "{name:18} {label:34} shaded {:6.2}  blended {:6.2}  statistic {:6.2}  predicted {:6.2} unhidden {:6.2}",
                 maps[0].mean_shaded(),
                 maps[0].mean_blended(),
-                report.fragments as f64 / report.pixels as f64
+                report.fragments as f64 / report.pixels as f64,
+                f64::from(report.predicted_fragments) / report.pixels as f64,
+                f64::from(report.predicted_unhidden) / report.pixels as f64
             );
             picture.into_iter().next().unwrap()
         };
@@ -50,7 +52,7 @@ fn main() {
             );
             let base = RenderConfig { projection, composite: Composite::FrontToBack, ..Default::default() };
             let all = measured(&count(&format!("every layer {projection}"), &base));
-            for (batches, steps) in [(16, 1.0), (64, 1.0), (128, 1.0)] {
+            for (batches, steps) in [(16, 1.0), (16, 0.5), (24, 0.5)] {
                 let config = RenderConfig {
                     composite: Composite::EarlyStop,
                     batches,

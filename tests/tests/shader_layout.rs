@@ -21,7 +21,7 @@ fn structures_have_the_offsets_that_reflection_sees() {
     assert_eq!(project.offsets("ViewData"), offsets!(ViewData: rotation, eye, tangents, image));
     let draws = offsets!(Draw: index_count, instance_count, first_index, vertex_offset, first_instance);
     assert_eq!(plan.offsets("Draw"), draws);
-    let mut plans = offsets!(Plan: draws, starts, visible, area, padding);
+    let mut plans = offsets!(Plan: draws, starts, visible, area, unhidden, bin_ends);
     assert_eq!(plan.offsets("Plan"), plans);
     // Control: an offset that is off by a word is seen.
     plans.insert("area".to_owned(), offset_of!(Plan, area) as u32 + 4);

@@ -42,9 +42,15 @@ impl Renderer {
         let motion = stream(&scene.motion.buffers, 2);
         let order = [whole(workspace.orders[part].buffer(&self.gpu)?)];
         let records = [whole(&workspace.records[0]), whole(&workspace.records[1])];
-        let singles =
-            [&workspace.blocks, &workspace.flags, &workspace.offsets, &workspace.plan, &workspace.visible]
-                .map(|b| [whole(b)]);
+        let singles = [
+            &workspace.blocks,
+            &workspace.footprints,
+            &workspace.offsets,
+            &workspace.plan,
+            &workspace.visible,
+            &workspace.depths,
+        ]
+        .map(|b| [whole(b)]);
         let write = |set: usize, binding: u32, kind, infos| {
             vk::WriteDescriptorSet { dst_set: sets[set], ..Default::default() }
                 .dst_binding(binding)

@@ -8,8 +8,8 @@ use crate::workspace::Workspace;
 use ash::vk;
 use motes_shaders::layout::{BLOCK, Specialization};
 
-/// Dispatches that prepare a frame: project, plan, emit.
-pub(super) const PREPARATION_DISPATCHES: u32 = 3;
+/// Dispatches that prepare a frame: project, plan, emit, schedule.
+pub(super) const PREPARATION_DISPATCHES: u32 = 4;
 
 impl Renderer {
     pub(super) fn prepare_workspace(&mut self, scene: &SceneOnDevice, exact: bool) -> Result<(), GpuError> {
@@ -32,10 +32,12 @@ impl Renderer {
         let project = self.passes.compute(Preparation::Project, specialization)?;
         let plan = self.passes.compute(Preparation::Plan, specialization)?;
         let emit = self.passes.compute(Preparation::Emit, specialization)?;
+        let schedule = self.passes.compute(Preparation::Schedule, specialization)?;
+        let depths = self.workspace.as_ref().map(|w| w.depths.raw()).unwrap_or_default();
         let device = self.gpu.device();
         let groups = splats.div_ceil(BLOCK);
         let between = vk::MemoryBarrier::default()
-            .src_access_mask(vk::AccessFlags::SHADER_WRITE)
+            .src_access_mask(vk::AccessFlags::SHADER_WRITE | vk::AccessFlags::TRANSFER_WRITE)
             .dst_access_mask(vk::AccessFlags::SHADER_READ | vk::AccessFlags::SHADER_WRITE);
         let after =
             vk::MemoryBarrier::default().src_access_mask(vk::AccessFlags::SHADER_WRITE).dst_access_mask(
@@ -55,14 +57,19 @@ impl Renderer {
                 sets,
                 &[],
             );
+            device.cmd_fill_buffer(commands, depths, 0, vk::WHOLE_SIZE, 0);
             device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::COMPUTE, project);
             device.cmd_dispatch(commands, groups, 1, 1);
-            device.cmd_pipeline_barrier(commands, compute, compute, none, &[between], &[], &[]);
+            let written = compute | vk::PipelineStageFlags::TRANSFER;
+            device.cmd_pipeline_barrier(commands, written, compute, none, &[between], &[], &[]);
             device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::COMPUTE, plan);
             device.cmd_dispatch(commands, 1, 1, 1);
             device.cmd_pipeline_barrier(commands, compute, compute, none, &[between], &[], &[]);
             device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::COMPUTE, emit);
             device.cmd_dispatch(commands, groups, 1, 1);
+            device.cmd_pipeline_barrier(commands, compute, compute, none, &[between], &[], &[]);
+            device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::COMPUTE, schedule);
+            device.cmd_dispatch(commands, 1, 1, 1);
             device.cmd_pipeline_barrier(
                 commands,
                 compute,
