@@ -2,9 +2,9 @@
 //!
 //! There is nothing here for other systems: the crate is empty when it is compiled for them.
 //!
-//! What it does so far: it starts, sends the log and every panic to logcat (panics also to a file that the
-//! user can pull), follows the activity's life cycle, and ends with it. It shows nothing yet: the session
-//! in the headset is not connected.
+//! It sends the log and every panic to logcat (panics also to a file that the user can pull), and shows in the headset
+//! the first scene of the folder that scenes are pushed to, or the sample. It follows the activity's life cycle, and
+//! ends with it.
 
 #[cfg(target_os = "android")]
 mod activity;

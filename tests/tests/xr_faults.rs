@@ -111,7 +111,7 @@ fn a_runtime_that_comes_back_is_used_again() {
             frames: 60,
             patience: Duration::from_secs(40),
         };
-        let visit = show(&(), &options).unwrap();
+        let visit = show(&(), &options, &mut || false).unwrap();
         println!("{visit:?}");
         assert_eq!((visit.recoveries, visit.frames >= 60), (1, true), "{visit:?}");
         return;

@@ -321,6 +321,36 @@ fn hands_and_buttons_do_what_is_specified() {
         assert!((after.to_world(head) - before.to_world(head)).length() < 1e-12, "about the head");
         remote.hands[1].stick = [0.0; 2];
 
+        // Walking: ahead, and the rim darkens, on a layer of its own.
+        session.remote.send(&remote);
+        session.step();
+        let before = placement(&session);
+        remote.hands[0].stick = [0.0, 1.0];
+        session.remote.send(&remote);
+        session.until("the rim is dark", |s| s.viewer.locomotion().unwrap().vignette() > 0.5);
+        remote.hands[0].stick = [0.0; 2];
+        session.remote.send(&remote);
+        session.until("the rim is clear", |s| s.viewer.locomotion().unwrap().vignette() == 0.0);
+        let walked = placement(&session).translation - before.translation;
+        let ahead = before.turn() * DVec3::NEG_Z;
+        println!("walked {walked}, heading {ahead}");
+        assert!(walked.length() > 0.1 && (walked.normalize() - ahead).length() < 1e-6, "{walked} {ahead}");
+
+        // A jump: the ring shows where, and the feet come there.
+        remote.hands[1].a = true;
+        session.remote.send(&remote);
+        session.until("a landing is shown", |s| s.viewer.locomotion().unwrap().landing().is_some());
+        session.step();
+        let landing = session.viewer.locomotion().unwrap().landing().unwrap();
+        remote.hands[1].a = false;
+        session.remote.send(&remote);
+        session.until("jumped", |s| s.viewer.locomotion().unwrap().landing().is_none());
+        let mut feet = session.viewer.head().place();
+        feet.y = 0.0;
+        let feet = placement(&session).to_world(feet);
+        println!("jump: feet at {feet}, landing {landing}");
+        assert!((feet - landing).length() < 1e-6 && landing.y == 0.0, "{feet} {landing}");
+
         // The panel comes, is pointed at and clicked; the hand that clicks holds nothing.
         remote.hands[0].a = true;
         session.remote.send(&remote);

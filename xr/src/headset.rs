@@ -1,7 +1,7 @@
 //! The one interface to a headset: a runtime behind it, or a recorded session.
 
 use crate::XrError;
-use motes_app::headset::{Eye, Input};
+use motes_app::headset::{Eye, Input, Pose};
 use motes_renderer::Target;
 use motes_renderer::gpu::Gpu;
 use motes_renderer::order::OrderRequest;
@@ -79,6 +79,34 @@ pub struct EyeImages {
     pub format: ash::vk::Format,
 }
 
+/// What a quad shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Surface {
+    /// A dark rim with a clear middle of [`RIM_CLEAR`] of its width.
+    Rim,
+    /// A ring on the floor: where a jump lands.
+    Landing,
+}
+
+/// Quads of a frame, at most.
+pub const MOST_QUADS: usize = 4;
+
+/// The part of a [`Surface::Rim`]'s width that is clear.
+pub const RIM_CLEAR: f32 = 0.25;
+
+/// A picture in space, on a layer of its own over the scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Quad {
+    /// What it shows.
+    pub surface: Surface,
+    /// Its middle; it faces along its +z.
+    pub pose: Pose,
+    /// Width and height, metres.
+    pub size: [f32; 2],
+    /// The pose is measured from the head, which it follows, instead of in the stage.
+    pub follows_head: bool,
+}
+
 /// A headset: frames to fill, eyes to see through, hands.
 ///
 /// For each frame: [`next`](Self::next), [`input`](Self::input), then, where something is drawn,
@@ -128,15 +156,17 @@ pub trait Headset {
     /// asked for. None where no image is being drawn into.
     fn image(&self) -> Option<ash::vk::Image>;
 
-    /// Ends the frame. `shown` are the eyes that the image was drawn for; without them nothing is shown.
+    /// Ends the frame. `shown` are the eyes that the image was drawn for; without them no scene is shown. Quads, at most
+    /// [`MOST_QUADS`], lie over it in their order.
     ///
     /// # Errors
     /// The runtime was lost.
-    fn end(&mut self, frame: &FrameTime, shown: Option<&[Eye; 2]>) -> Result<(), XrError>;
+    fn end(&mut self, frame: &FrameTime, shown: Option<&[Eye; 2]>, quads: &[Quad]) -> Result<(), XrError>;
 
-    /// Asks for the session to end; [`Headset::next`] says when it did.
+    /// Asks for the session to end; [`Headset::next`] says when it did. `false` where none is running, so that nothing
+    /// has to be waited for.
     ///
     /// # Errors
     /// The runtime was lost.
-    fn request_exit(&mut self) -> Result<(), XrError>;
+    fn request_exit(&mut self) -> Result<bool, XrError>;
 }

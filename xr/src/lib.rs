@@ -13,10 +13,10 @@ mod viewer;
 
 pub use content::{Content, FirstView};
 pub use error::XrError;
-pub use headset::{EyeImages, FrameTime, Headset, SessionState, Step};
+pub use headset::{EyeImages, FrameTime, Headset, MOST_QUADS, Quad, RIM_CLEAR, SessionState, Step, Surface};
 pub use loader::{LoadError, Loaded, Loader, SceneSource};
 pub use readback::Readback;
 pub use runtime::{Optional, Platform, Runtime, RuntimeHeadset, RuntimeOptions, SessionOptions};
 pub use script::{Order, Recorder, Script, ScriptFrame, ScriptStep, ScriptedHeadset};
-pub use show::{ShowError, ShowOptions, Visit, show};
-pub use viewer::{LastFrame, Viewer};
+pub use show::{Pump, ShowError, ShowOptions, Visit, show};
+pub use viewer::{FrameTimes, LastFrame, Viewer};

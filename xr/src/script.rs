@@ -3,7 +3,7 @@
 //! A text file, one JSON object a line: first what the images are, then everything that the headset said. Floats keep
 //! every bit, and each frame names the order of splats that it was drawn in, so that a replay draws the same pixels.
 
-use crate::{EyeImages, FrameTime, Headset, SessionState, Step, XrError};
+use crate::{EyeImages, FrameTime, Headset, Quad, SessionState, Step, XrError};
 use ash::vk;
 use motes_app::headset::{Eye, Input};
 use motes_renderer::gpu::{Gpu, Image, ImageDescription};
@@ -298,14 +298,14 @@ impl<H: Headset> Headset for Recorder<H> {
         self.headset.image()
     }
 
-    fn end(&mut self, frame: &FrameTime, shown: Option<&[Eye; 2]>) -> Result<(), XrError> {
+    fn end(&mut self, frame: &FrameTime, shown: Option<&[Eye; 2]>, quads: &[Quad]) -> Result<(), XrError> {
         if let Some(frame) = self.frame.take() {
             self.writer.step(&ScriptStep::Frame(Box::new(frame)))?;
         }
-        self.headset.end(frame, shown)
+        self.headset.end(frame, shown, quads)
     }
 
-    fn request_exit(&mut self) -> Result<(), XrError> {
+    fn request_exit(&mut self) -> Result<bool, XrError> {
         self.headset.request_exit()
     }
 }
@@ -393,14 +393,14 @@ impl Headset for ScriptedHeadset {
         self.drawing.then(|| self.image.raw())
     }
 
-    fn end(&mut self, _: &FrameTime, _: Option<&[Eye; 2]>) -> Result<(), XrError> {
+    fn end(&mut self, _: &FrameTime, _: Option<&[Eye; 2]>, _: &[Quad]) -> Result<(), XrError> {
         self.drawing = false;
         Ok(())
     }
 
-    fn request_exit(&mut self) -> Result<(), XrError> {
+    fn request_exit(&mut self) -> Result<bool, XrError> {
         // The script knows when it ends.
-        Ok(())
+        Ok(true)
     }
 }
 

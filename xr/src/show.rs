@@ -63,39 +63,51 @@ impl ShowError {
     }
 }
 
-/// Shows a scene until the user ends it.
+/// Called once a step, some hundred times a second at most: follows the system's events, and says whether the visit is
+/// to end.
+pub type Pump<'a> = &'a mut dyn FnMut() -> bool;
+
+/// Shows a scene until the user ends it, or `leave` says so.
 ///
 /// A runtime that is lost in mid-session is waited for; the scene is not read again.
 ///
 /// # Errors
 /// There is no headset, it was lost for good, or the scene cannot be shown.
-pub fn show(platform: &Platform, options: &ShowOptions) -> Result<Visit, ShowError> {
+pub fn show(platform: &Platform, options: &ShowOptions, leave: Pump<'_>) -> Result<Visit, ShowError> {
     let mut options = options.clone();
     let mut visit = Visit { frames: 0, recoveries: 0 };
     let mut runtime = Runtime::new(platform, options.runtime)?;
     loop {
-        let lost = match session(runtime, &mut options, &mut visit) {
+        let lost = match session(runtime, &mut options, &mut visit, leave) {
             Ok(SessionState::LossPending) => "the runtime announced that it goes".to_owned(),
             Ok(_) => return Ok(visit),
             Err(ShowError::Headset(error)) if error.is_lost() => error.to_string(),
             Err(error) => return Err(error),
         };
         log::warn!("{lost}. Waiting for it for {} s", options.patience.as_secs());
-        runtime = find_again(platform, &options)?;
+        let Some(found) = find_again(platform, &options, leave)? else { return Ok(visit) };
+        runtime = found;
         visit.recoveries += 1;
         log::info!("the runtime is back");
     }
 }
 
-/// Waits for a runtime that was lost.
-fn find_again(platform: &Platform, options: &ShowOptions) -> Result<Runtime, XrError> {
+/// Waits for a runtime that was lost; none where the visit is to end.
+fn find_again(
+    platform: &Platform,
+    options: &ShowOptions,
+    leave: Pump<'_>,
+) -> Result<Option<Runtime>, XrError> {
     let begun = Instant::now();
     loop {
+        if leave() {
+            return Ok(None);
+        }
         match Runtime::new(platform, options.runtime) {
             Err(error) if (error.is_absent() || error.is_lost()) && begun.elapsed() < options.patience => {
                 std::thread::sleep(RETRY);
             }
-            other => return other,
+            other => return other.map(Some),
         }
     }
 }
@@ -105,12 +117,15 @@ fn session(
     runtime: Runtime,
     options: &mut ShowOptions,
     visit: &mut Visit,
+    leave: Pump<'_>,
 ) -> Result<SessionState, ShowError> {
     let headset = RuntimeHeadset::new(runtime, &options.session)?;
     match options.record.clone() {
         // Only the first session: the second would begin the file anew.
-        Some(path) if visit.recoveries == 0 => run(&mut Recorder::new(headset, &path)?, options, visit),
-        _ => run(&mut { headset }, options, visit),
+        Some(path) if visit.recoveries == 0 => {
+            run(&mut Recorder::new(headset, &path)?, options, visit, leave)
+        }
+        _ => run(&mut { headset }, options, visit, leave),
     }
 }
 
@@ -118,6 +133,7 @@ fn run(
     headset: &mut dyn Headset,
     options: &mut ShowOptions,
     visit: &mut Visit,
+    leave: Pump<'_>,
 ) -> Result<SessionState, ShowError> {
     let mut loading = Some(Loader::start(headset.gpu(), options.source.clone(), options.packing)?);
     let mut viewer = Viewer::new(headset, options.config.clone(), options.comfort)?;
@@ -141,9 +157,13 @@ fn run(
         if let Some(state) = ended {
             return Ok(state);
         }
-        if options.frames != 0 && visit.frames >= options.frames && !asked {
+        let enough = options.frames != 0 && visit.frames >= options.frames;
+        if (leave() || enough) && !asked {
             asked = true;
-            headset.request_exit()?;
+            if !headset.request_exit()? {
+                // A session that does not run has no end to wait for.
+                return Ok(SessionState::Exiting);
+            }
         }
     }
 }

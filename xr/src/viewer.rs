@@ -1,9 +1,13 @@
 //! A scene in a headset: what happens in each frame.
 
-use crate::{Content, FirstView, FrameTime, Headset, Readback, SessionState, Step, XrError};
+use crate::{
+    Content, FirstView, FrameTime, Headset, MOST_QUADS, Quad, RIM_CLEAR, Readback, SessionState, Step,
+    Surface, XrError,
+};
 use motes_app::headset::{Comfort, Eye, Input, Locomotion, Panel, PanelEvents, Placement, Pose};
 use motes_renderer::order::{OrderRequest, SortWorker};
 use motes_renderer::{DrawRequest, FrameReport, Picture, RenderConfig, Renderer, Stereo, View};
+use std::time::{Duration, Instant};
 
 /// What the last drawn frame showed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -26,6 +30,55 @@ struct Shown {
     sorter: SortWorker,
 }
 
+/// Where the processor's time went in the last drawn frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct FrameTimes {
+    /// Reading input and acting on it.
+    pub act: Duration,
+    /// Waiting for the device to be done with the frame before the last.
+    pub wait: Duration,
+    /// Locating the eyes and computing their views.
+    pub locate: Duration,
+    /// Taking the order of splats; the first one is waited for.
+    pub order: Duration,
+    /// Acquiring the image, and waiting for the compositor to let go of it.
+    pub image: Duration,
+    /// Recording and submitting the drawing.
+    pub draw: Duration,
+    /// Ending the frame.
+    pub end: Duration,
+}
+
+impl FrameTimes {
+    /// The frame loop's own: everything but waiting and drawing.
+    pub fn own(&self) -> Duration {
+        self.act + self.locate + self.order + self.end
+    }
+}
+
+/// Time since the last look.
+struct Clock(Instant);
+
+impl Clock {
+    fn start() -> Self {
+        Self(Instant::now())
+    }
+
+    fn lap(&mut self) -> Duration {
+        let now = Instant::now();
+        now.duration_since(std::mem::replace(&mut self.0, now))
+    }
+}
+
+/// Turns a quad's front, +z, upwards.
+const FACING_UP: [f32; 4] = [-std::f32::consts::FRAC_1_SQRT_2, 0.0, 0.0, std::f32::consts::FRAC_1_SQRT_2];
+/// Width of the ring that shows where a jump lands, metres.
+const LANDING_WIDTH: f32 = 0.6;
+/// How far in front of the eyes the dark rim is, metres.
+const RIM_DISTANCE: f32 = 0.5;
+/// What the rim leaves clear, degrees from the middle: at no strength, and at full.
+const RIM_ANGLES: [f32; 2] = [60.0, 22.0];
+
 /// Shows a scene in a headset.
 pub struct Viewer {
     renderer: Renderer,
@@ -42,6 +95,8 @@ pub struct Viewer {
     readback: Option<Readback>,
     pictures: Option<[Picture; 2]>,
     frames: u64,
+    times: FrameTimes,
+    leaving: bool,
     last: Option<LastFrame>,
 }
 
@@ -64,6 +119,8 @@ impl Viewer {
             readback: None,
             pictures: None,
             frames: 0,
+            times: FrameTimes::default(),
+            leaving: false,
             last: None,
         })
     }
@@ -110,6 +167,11 @@ impl Viewer {
         self.last.as_ref()
     }
 
+    /// Where the processor's time went in the last drawn frame.
+    pub fn times(&self) -> &FrameTimes {
+        &self.times
+    }
+
     /// Frames drawn so far.
     pub fn frames(&self) -> u64 {
         self.frames
@@ -150,22 +212,28 @@ impl Viewer {
     }
 
     fn frame(&mut self, headset: &mut dyn Headset, frame: &FrameTime) -> Result<(), XrError> {
+        let mut clock = Clock::start();
+        let mut times = FrameTimes::default();
         let input = headset.input(frame)?;
         self.act(frame, &input);
-        if self.events.exit {
+        if self.events.exit && !self.leaving {
             log::info!("the user ends the session");
+            self.leaving = true;
             headset.request_exit()?;
         }
-        if !frame.should_render || self.shown.is_none() {
-            return headset.end(frame, None);
-        }
+        let quads = self.quads();
+        let quads = &quads.0[..quads.1];
+        let Some(Shown { content, sorter }) = self.shown.as_mut().filter(|_| frame.should_render) else {
+            return headset.end(frame, None, if frame.should_render { quads } else { &[] });
+        };
+        times.act = clock.lap();
         // Waits for the frame before the last; poses are located after it.
         let commands = self.renderer.begin()?;
+        times.wait = clock.lap();
         let Some(eyes) = headset.eyes(frame)? else {
             self.renderer.submit(commands, &[], &[])?;
-            return headset.end(frame, None);
+            return headset.end(frame, None, quads);
         };
-        let Some(Shown { content, sorter }) = &mut self.shown else { return headset.end(frame, None) };
         self.head = Pose::between(&eyes[0].pose, &eyes[1].pose);
         let locomotion = self.locomotion.get_or_insert_with(|| {
             let FirstView { place, forward, floor_known } = content.first_view;
@@ -180,10 +248,13 @@ impl Viewer {
         config.near_fade *= units;
         sorter.set_interval(config.sort_interval);
         let wanted = OrderRequest::new(&views, &config);
+        times.locate = clock.lap();
         let newest = sorter.newest().0.made_for.unwrap_or(wanted);
         let used = headset.order(newest)?;
         let order = sorter.wait_for(used);
+        times.order = clock.lap();
         let target = headset.target()?;
+        times.image = clock.lap();
         let stereo = if self.renderer.gpu().capabilities.multiview && !config.sort_per_eye {
             Stereo::Multiview
         } else {
@@ -199,14 +270,48 @@ impl Viewer {
         } else {
             self.renderer.submit(commands, &[], &[])?;
         }
-        headset.end(frame, Some(&eyes))?;
+        times.draw = clock.lap();
+        headset.end(frame, Some(&eyes), quads)?;
         // The next order is made while the device blends this frame.
-        if let Some(Shown { sorter, .. }) = &mut self.shown {
-            sorter.request(wanted);
-        }
+        sorter.request(wanted);
+        times.end = clock.lap();
+        self.times = times;
         self.frames += 1;
         self.last = Some(LastFrame { time: *frame, eyes, views, wanted, used });
         Ok(())
+    }
+
+    /// What lies over the scene: the ring of a landing place, and the dark rim.
+    fn quads(&self) -> ([Quad; MOST_QUADS], usize) {
+        let nothing =
+            Quad { surface: Surface::Rim, pose: Pose::default(), size: [0.0; 2], follows_head: true };
+        let (mut quads, mut count) = ([nothing; MOST_QUADS], 0);
+        let Some(locomotion) = &self.locomotion else { return (quads, count) };
+        if let Some(landing) = locomotion.landing() {
+            let place = locomotion.placement().to_stage(landing);
+            quads[count] = Quad {
+                surface: Surface::Landing,
+                pose: Pose { orientation: FACING_UP, position: place.to_array().map(|v| v as f32) },
+                size: [LANDING_WIDTH; 2],
+                follows_head: false,
+            };
+            count += 1;
+        }
+        let rim = locomotion.vignette() as f32;
+        if rim > 0.01 {
+            let [widest, narrowest] = RIM_ANGLES;
+            let clear = (widest + (narrowest - widest) * rim).to_radians();
+            let width = 2.0 * RIM_DISTANCE * clear.tan() / RIM_CLEAR;
+            let position = [0.0, 0.0, -RIM_DISTANCE];
+            quads[count] = Quad {
+                surface: Surface::Rim,
+                pose: Pose { position, ..Pose::default() },
+                size: [width; 2],
+                follows_head: true,
+            };
+            count += 1;
+        }
+        (quads, count)
     }
 
     /// What the user does: the panel first, then locomotion with the hands that are free.

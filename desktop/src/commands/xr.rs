@@ -94,7 +94,7 @@ pub fn run(args: &XrArgs) -> Result<Outcome, CommandError> {
         frames: args.frames,
         patience: Duration::from_secs(args.patience),
     };
-    match show(&(), &options) {
+    match show(&(), &options, &mut || false) {
         Ok(visit) => {
             eprintln!(
                 "{} frames; the runtime was lost and found again {} times",

@@ -1,13 +1,13 @@
 //! Sorts on a thread of its own, while frames go on being drawn.
 
 use super::{OrderRequest, Positions, SortBuffers, SplatOrder};
-use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
+use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 
 /// Sorts on a thread of its own. Three buffers travel round: one being sorted, one finished, one in use.
 pub struct SortWorker {
-    requests: Option<Sender<OrderRequest>>,
+    requests: Option<SyncSender<OrderRequest>>,
     finished: Receiver<SplatOrder>,
     spare: Arc<Mutex<Vec<SplatOrder>>>,
     thread: Option<JoinHandle<()>>,
@@ -24,8 +24,9 @@ impl SortWorker {
     /// # Errors
     /// The system gives no thread.
     pub fn new(positions: Arc<Positions>) -> std::io::Result<Self> {
-        let (requests, inbox) = channel::<OrderRequest>();
-        let (outbox, finished) = channel();
+        // One order is under way at a time. Bounded channels allocate nothing once they are made.
+        let (requests, inbox) = sync_channel::<OrderRequest>(1);
+        let (outbox, finished) = sync_channel(1);
         let spare = Arc::new(Mutex::new(vec![SplatOrder::default(), SplatOrder::default()]));
         let spare_of_thread = spare.clone();
         let thread = std::thread::Builder::new().name("sort".into()).spawn(move || {

@@ -59,19 +59,18 @@ impl Renderer {
             min_depth: 0.0,
             max_depth: 1.0,
         };
-        let mut clear = vec![vk::ClearValue::default(); if pass.output.is_some() { 2 } else { 1 }];
+        // Colours first (the blended image, and the output where it has one), then marks, then counts.
+        let colours = if pass.output.is_some() { 2 } else { 1 };
+        let mut clear = [vk::ClearValue::default(); 4];
         if pass.early_stop {
-            let depth_stencil = vk::ClearDepthStencilValue { depth: 1.0, stencil: 0 };
-            clear.push(vk::ClearValue { depth_stencil });
+            clear[colours].depth_stencil = vk::ClearDepthStencilValue { depth: 1.0, stencil: 0 };
         }
-        if pass.count {
-            clear.push(vk::ClearValue::default());
-        }
+        let clear = &clear[..colours + usize::from(pass.early_stop) + usize::from(pass.count)];
         let begin = vk::RenderPassBeginInfo::default()
             .render_pass(render_pass)
             .framebuffer(framebuffer)
             .render_area(area)
-            .clear_values(&clear);
+            .clear_values(clear);
         let layout = self.passes.layout;
         let push_stages = self.passes.push_stages();
         let gpu = self.gpu.clone();

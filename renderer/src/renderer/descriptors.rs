@@ -12,8 +12,14 @@ impl Renderer {
         let info = vk::DescriptorSetAllocateInfo::default()
             .descriptor_pool(self.slots[slot].descriptors)
             .set_layouts(&layouts);
-        // SAFETY: the pool was reset when the frame began and is large enough for a frame.
-        Ok(call(unsafe { self.gpu.device().allocate_descriptor_sets(&info) }, "vkAllocateDescriptorSets")?[0])
+        let mut made = vk::DescriptorSet::null();
+        let device = self.gpu.device();
+        // By the bare call: the wrapper returns a vector, and a frame allocates nothing.
+        // SAFETY: the pool was reset when the frame began and is large enough for a frame; one set is written.
+        let result =
+            unsafe { (device.fp_v1_0().allocate_descriptor_sets)(device.handle(), &info, &mut made) };
+        call(result.result(), "vkAllocateDescriptorSets")?;
+        Ok(made)
     }
 
     /// The sets of a part of a frame: the one part, or one of two eyes that are prepared each by itself.
@@ -34,12 +40,11 @@ impl Renderer {
         }];
         // A stream of fewer bindings fills the rest with the scene's geometry: they are never read, and a scene
         // without an attribute has no buffer for it.
-        let stream = |buffers: &[Buffer], slots: usize| -> Vec<_> {
-            (0..slots).map(|i| whole(buffers.get(i).unwrap_or(&scene.geometry.buffers[0]))).collect()
-        };
-        let geometry = stream(&scene.geometry.buffers, 4);
-        let harmonics = stream(&scene.harmonics.buffers, 4);
-        let motion = stream(&scene.motion.buffers, 2);
+        let first = &scene.geometry.buffers[0];
+        let binding = |buffers: &[Buffer], i: usize| whole(buffers.get(i).unwrap_or(first));
+        let geometry: [_; 4] = std::array::from_fn(|i| binding(&scene.geometry.buffers, i));
+        let harmonics: [_; 4] = std::array::from_fn(|i| binding(&scene.harmonics.buffers, i));
+        let motion: [_; 2] = std::array::from_fn(|i| binding(&scene.motion.buffers, i));
         let order = [whole(workspace.orders[part].buffer(&self.gpu)?)];
         let records = [whole(&workspace.records[0]), whole(&workspace.records[1])];
         let singles = [
@@ -58,17 +63,21 @@ impl Renderer {
                 .buffer_info(infos)
         };
         let storage = vk::DescriptorType::STORAGE_BUFFER;
-        let mut writes = vec![
+        let [blocks, flags, offsets, plan, visible] = &singles;
+        // Arrays: a frame allocates nothing.
+        let writes = [
             write(0, 0, vk::DescriptorType::UNIFORM_BUFFER, &uniform[..]),
             write(1, 0, storage, &geometry),
             write(1, 1, storage, &harmonics),
             write(1, 2, storage, &motion),
             write(2, 0, storage, &order),
             write(2, 1, storage, &records),
+            write(2, 2, storage, blocks),
+            write(2, 3, storage, flags),
+            write(2, 4, storage, offsets),
+            write(2, 5, storage, plan),
+            write(2, 6, storage, visible),
         ];
-        for (binding, info) in (2..).zip(&singles) {
-            writes.push(write(2, binding, storage, info));
-        }
         // SAFETY: sets and buffers are alive and not in use by the device.
         unsafe { self.gpu.device().update_descriptor_sets(&writes, &[]) };
         Ok(sets)

@@ -7,55 +7,31 @@ use openxr as xr;
 #[allow(missing_docs, reason = "each is named as its extension")]
 pub struct Optional {
     pub local_floor: bool,
-    pub visibility_mask: bool,
-    pub depth_layer: bool,
     pub refresh_rate: bool,
-    pub foveation: bool,
-    pub passthrough: bool,
     pub hand_interaction: bool,
-    pub hand_tracking: bool,
     pub performance_settings: bool,
     pub layer_settings: bool,
     pub touch_plus: bool,
-    pub user_presence: bool,
 }
 
 impl Optional {
     /// Those of the offered extensions that are wanted.
     pub(super) fn choose(offered: &xr::ExtensionSet) -> (xr::ExtensionSet, Self) {
         let mut wanted = xr::ExtensionSet::default();
-        let foveation = offered.fb_foveation
-            && offered.fb_foveation_configuration
-            && offered.fb_swapchain_update_state
-            && offered.fb_foveation_vulkan;
         let optional = Self {
             local_floor: offered.ext_local_floor,
-            visibility_mask: offered.khr_visibility_mask,
-            depth_layer: offered.khr_composition_layer_depth,
             refresh_rate: offered.fb_display_refresh_rate,
-            foveation,
-            passthrough: offered.fb_passthrough,
             hand_interaction: offered.ext_hand_interaction,
-            hand_tracking: offered.ext_hand_tracking,
             performance_settings: offered.ext_performance_settings,
             layer_settings: offered.fb_composition_layer_settings,
             touch_plus: offered.meta_touch_controller_plus,
-            user_presence: offered.ext_user_presence,
         };
         wanted.ext_local_floor = optional.local_floor;
-        wanted.khr_visibility_mask = optional.visibility_mask;
         wanted.fb_display_refresh_rate = optional.refresh_rate;
-        wanted.fb_foveation = foveation;
-        wanted.fb_foveation_configuration = foveation;
-        wanted.fb_swapchain_update_state = foveation;
-        wanted.fb_foveation_vulkan = foveation;
-        wanted.fb_passthrough = optional.passthrough;
         wanted.ext_hand_interaction = optional.hand_interaction;
-        wanted.ext_hand_tracking = optional.hand_tracking;
         wanted.ext_performance_settings = optional.performance_settings;
         wanted.fb_composition_layer_settings = optional.layer_settings;
         wanted.meta_touch_controller_plus = optional.touch_plus;
-        wanted.ext_user_presence = optional.user_presence;
         (wanted, optional)
     }
 
@@ -68,12 +44,8 @@ impl Optional {
             }
         };
         check(self.local_floor, "no XR_EXT_local_floor: the floor is the stage's, or is assumed");
-        check(self.visibility_mask, "no XR_KHR_visibility_mask: corners that the lenses hide are drawn too");
         check(self.refresh_rate, "no XR_FB_display_refresh_rate: the display's rate is not chosen");
-        check(self.foveation, "no XR_FB_foveation: the rim is drawn as finely as the middle");
-        check(self.passthrough, "no XR_FB_passthrough: the room is not shown behind the scene");
         check(self.hand_interaction, "no XR_EXT_hand_interaction: hands without controllers do nothing");
-        check(self.hand_tracking, "no XR_EXT_hand_tracking: fingers are not followed");
         check(self.performance_settings, "no XR_EXT_performance_settings: clocks are left to the system");
         check(self.layer_settings, "no XR_FB_composition_layer_settings: the compositor does not sharpen");
         check(self.touch_plus, "no XR_META_touch_controller_plus: such controllers act as Touch");

@@ -5,6 +5,7 @@ mod extensions;
 mod messages;
 mod session;
 mod spaces;
+mod surfaces;
 mod swapchain;
 mod vulkan;
 

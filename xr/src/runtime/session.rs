@@ -1,11 +1,12 @@
 //! A session: its life, its frames.
 
 use super::actions::{Actions, from_xr, to_xr};
-use super::swapchain::EyeSwapchain;
+use super::surfaces::{Surfaces, tune};
+use super::swapchain::{Images, Wish};
 use super::{Runtime, STEREO, spaces};
 use crate::bindings::Bindings;
 use crate::error::During;
-use crate::{EyeImages, FrameTime, Headset, SessionState, Step, XrError};
+use crate::{EyeImages, FrameTime, Headset, MOST_QUADS, Quad, SessionState, Step, XrError};
 use ash::vk::{self, Handle as _};
 use motes_app::headset::{Eye, EyeFov, Input};
 use motes_renderer::Target;
@@ -39,8 +40,10 @@ impl Default for SessionOptions {
 /// A headset behind a real runtime.
 pub struct RuntimeHeadset {
     // In this order they are destroyed: what belongs to the session, the session, the device, the runtime.
-    eyes: EyeSwapchain,
+    eyes: Images,
+    surfaces: Surfaces,
     space: xr::Space,
+    head: xr::Space,
     actions: Actions,
     stream: xr::FrameStream<xr::Vulkan>,
     waiter: xr::FrameWaiter,
@@ -78,10 +81,17 @@ impl RuntimeHeadset {
         let bindings = defaults.clone().with(&options.bindings);
         let actions = Actions::new(&runtime, &session, &bindings, &defaults)?;
         let size = runtime.image_size(options.resolution_scale)?;
-        let eyes = EyeSwapchain::new(&runtime, &gpu, &session, size)?;
+        let eyes = Images::new(&runtime, &gpu, &session, &Wish { size, layers: 2, still: false })?;
+        let surfaces = Surfaces::new(&runtime, &gpu, &session)?;
+        let head = session
+            .create_reference_space(xr::ReferenceSpaceType::VIEW, xr::Posef::IDENTITY)
+            .during("xrCreateReferenceSpace")?;
+        tune(&runtime, &session);
         Ok(Self {
             eyes,
+            surfaces,
             space,
+            head,
             actions,
             stream,
             waiter,
@@ -276,45 +286,94 @@ impl Headset for RuntimeHeadset {
         self.eyes.current()
     }
 
-    fn end(&mut self, frame: &FrameTime, shown: Option<&[Eye; 2]>) -> Result<(), XrError> {
+    fn end(&mut self, frame: &FrameTime, shown: Option<&[Eye; 2]>, quads: &[Quad]) -> Result<(), XrError> {
         self.eyes.release()?;
         let time = xr::Time::from_nanos(frame.display_time);
-        let opaque = xr::EnvironmentBlendMode::OPAQUE;
-        let Some(shown) = shown else {
-            let _queue = self.gpu.queue();
-            return self.stream.end(time, opaque, &[]).during("xrEndFrame");
-        };
-        let [width, height] = self.eyes.size.map(|side| side as i32);
-        let rectangle =
-            xr::Rect2Di { offset: xr::Offset2Di { x: 0, y: 0 }, extent: xr::Extent2Di { width, height } };
-        let view = |i: usize| {
-            let Eye { pose, fov } = &shown[i];
-            xr::CompositionLayerProjectionView::new()
-                .pose(to_xr(pose))
-                .fov(xr::Fovf {
-                    angle_left: fov.left,
-                    angle_right: fov.right,
-                    angle_up: fov.up,
-                    angle_down: fov.down,
-                })
-                .sub_image(
-                    xr::SwapchainSubImage::new()
-                        .swapchain(&self.eyes.swapchain)
-                        .image_array_index(i as u32)
-                        .image_rect(rectangle),
-                )
-        };
-        let views = [view(0), view(1)];
-        let projection = xr::CompositionLayerProjection::new().space(&self.space).views(&views);
+        let projected = shown.map(|eyes| [0, 1].map(|i| projection_view(&self.eyes, &eyes[i], i as u32)));
+        let mut projection = xr::CompositionLayerProjection::new().space(&self.space);
+        let settings = sharpening();
+        if let Some(views) = &projected {
+            projection = projection.views(views);
+            if self.runtime.optional().layer_settings {
+                let mut raw = projection.into_raw();
+                raw.next = std::ptr::from_ref(&settings).cast();
+                // SAFETY: views and settings live until the frame is ended below.
+                projection = unsafe { xr::CompositionLayerProjection::from_raw(raw) };
+            }
+        }
+        let mut pictures: [_; MOST_QUADS] = std::array::from_fn(|_| xr::CompositionLayerQuad::new());
+        let mut layers: [&xr::CompositionLayerBase<'_, xr::Vulkan>; 1 + MOST_QUADS] =
+            std::array::from_fn(|_| &*projection);
+        let mut count = usize::from(projected.is_some());
+        for (picture, quad) in pictures.iter_mut().zip(quads) {
+            let space = if quad.follows_head { &self.head } else { &self.space };
+            *picture = quad_layer(self.surfaces.swapchain(quad.surface), space, quad);
+        }
+        for picture in pictures.iter().take(quads.len()) {
+            layers[count] = picture;
+            count += 1;
+        }
         let _queue = self.gpu.queue();
-        self.stream.end(time, opaque, &[&projection]).during("xrEndFrame")
+        let opaque = xr::EnvironmentBlendMode::OPAQUE;
+        self.stream.end(time, opaque, &layers[..count]).during("xrEndFrame")
     }
 
-    fn request_exit(&mut self) -> Result<(), XrError> {
-        if !self.running {
-            // Nothing to wait for: a session that is not running is simply let go.
-            return Ok(());
+    fn request_exit(&mut self) -> Result<bool, XrError> {
+        if self.running {
+            self.session.request_exit().during("xrRequestExitSession")?;
         }
-        self.session.request_exit().during("xrRequestExitSession")
+        Ok(self.running)
+    }
+}
+
+fn projection_view<'a>(
+    images: &'a Images,
+    eye: &Eye,
+    layer: u32,
+) -> xr::CompositionLayerProjectionView<'a, xr::Vulkan> {
+    let fov = &eye.fov;
+    xr::CompositionLayerProjectionView::new()
+        .pose(to_xr(&eye.pose))
+        .fov(xr::Fovf {
+            angle_left: fov.left,
+            angle_right: fov.right,
+            angle_up: fov.up,
+            angle_down: fov.down,
+        })
+        .sub_image(part(images, layer))
+}
+
+fn quad_layer<'a>(
+    images: &'a Images,
+    space: &'a xr::Space,
+    quad: &Quad,
+) -> xr::CompositionLayerQuad<'a, xr::Vulkan> {
+    let [width, height] = quad.size;
+    xr::CompositionLayerQuad::new()
+        .layer_flags(xr::CompositionLayerFlags::BLEND_TEXTURE_SOURCE_ALPHA)
+        .space(space)
+        .eye_visibility(xr::EyeVisibility::BOTH)
+        .sub_image(part(images, 0))
+        .pose(to_xr(&quad.pose))
+        .size(xr::Extent2Df { width, height })
+}
+
+/// A layer of a swapchain, all of it.
+fn part(images: &Images, layer: u32) -> xr::SwapchainSubImage<'_, xr::Vulkan> {
+    let [width, height] = images.size.map(|side| side as i32);
+    let offset = xr::Offset2Di { x: 0, y: 0 };
+    xr::SwapchainSubImage::new()
+        .swapchain(&images.swapchain)
+        .image_array_index(layer)
+        .image_rect(xr::Rect2Di { offset, extent: xr::Extent2Di { width, height } })
+}
+
+/// The compositor sharpens and filters what it resamples.
+fn sharpening() -> sys::CompositionLayerSettingsFB {
+    sys::CompositionLayerSettingsFB {
+        ty: sys::CompositionLayerSettingsFB::TYPE,
+        next: std::ptr::null(),
+        layer_flags: sys::CompositionLayerSettingsFlagsFB::NORMAL_SHARPENING
+            | sys::CompositionLayerSettingsFlagsFB::NORMAL_SUPER_SAMPLING,
     }
 }

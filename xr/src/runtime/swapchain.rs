@@ -1,4 +1,4 @@
-//! The images of both eyes: a swapchain of two layers.
+//! Images that the compositor shows: a swapchain of two layers for the eyes, of one for a quad.
 
 use super::Runtime;
 use crate::XrError;
@@ -20,29 +20,39 @@ const FORMATS: [vk::Format; 4] = [
 /// How long an image may be held back by the compositor before the session counts as hung.
 const PATIENCE: std::time::Duration = std::time::Duration::from_secs(2);
 
-/// An image of the swapchain, with a view of both layers and one of each.
-struct Eyes {
+/// What images are wanted.
+pub(super) struct Wish {
+    /// Width and height, pixels.
+    pub size: [u32; 2],
+    /// One, or two for both eyes.
+    pub layers: u32,
+    /// Filled once by a copy, and not drawn into.
+    pub still: bool,
+}
+
+/// An image of the swapchain, with a view of all layers and one of each.
+struct Viewed {
     image: vk::Image,
     views: [vk::ImageView; 3],
 }
 
-/// A swapchain of two layers.
-pub(super) struct EyeSwapchain {
+/// A swapchain.
+pub(super) struct Images {
     gpu: Arc<Gpu>,
     pub swapchain: xr::Swapchain<xr::Vulkan>,
-    images: Vec<Eyes>,
+    images: Vec<Viewed>,
     pub format: vk::Format,
     pub size: [u32; 2],
     /// The image that is drawn into now.
     acquired: Option<usize>,
 }
 
-impl EyeSwapchain {
+impl Images {
     pub fn new(
         runtime: &Runtime,
         gpu: &Arc<Gpu>,
         session: &xr::Session<xr::Vulkan>,
-        size: [u32; 2],
+        wish: &Wish,
     ) -> Result<Self, XrError> {
         let offered = session.enumerate_swapchain_formats().during("xrEnumerateSwapchainFormats")?;
         let Some(format) = FORMATS.into_iter().find(|f| offered.contains(&(f.as_raw() as u32))) else {
@@ -54,38 +64,52 @@ impl EyeSwapchain {
                 remedy: "Report this with the name of the headset",
             });
         };
+        let Wish { size, layers, still } = *wish;
         let mut usage_flags = xr::SwapchainUsageFlags::COLOR_ATTACHMENT | xr::SwapchainUsageFlags::SAMPLED;
-        if runtime.options.readable {
+        if still {
+            usage_flags |= xr::SwapchainUsageFlags::TRANSFER_DST;
+        } else if runtime.options.readable {
             usage_flags |= xr::SwapchainUsageFlags::TRANSFER_SRC;
         }
         let swapchain = session
             .create_swapchain(&xr::SwapchainCreateInfo {
-                create_flags: xr::SwapchainCreateFlags::EMPTY,
+                create_flags: if still {
+                    xr::SwapchainCreateFlags::STATIC_IMAGE
+                } else {
+                    xr::SwapchainCreateFlags::EMPTY
+                },
                 usage_flags,
                 format: format.as_raw() as u32,
                 sample_count: 1,
                 width: size[0],
                 height: size[1],
                 face_count: 1,
-                array_size: 2,
+                array_size: layers,
                 mip_count: 1,
             })
             .during("xrCreateSwapchain")?;
         let raw = swapchain.enumerate_images().during("xrEnumerateSwapchainImages")?;
         let mut made = Self { gpu: gpu.clone(), swapchain, images: Vec::new(), format, size, acquired: None };
         for image in raw {
-            made.add(vk::Image::from_raw(image))?;
+            made.add(vk::Image::from_raw(image), layers)?;
         }
-        log::info!("eye images: {} of {} x {}, 2 layers, {format:?}", made.images.len(), size[0], size[1]);
+        if layers == 2 {
+            log::info!(
+                "eye images: {} of {} x {}, 2 layers, {format:?}",
+                made.images.len(),
+                size[0],
+                size[1]
+            );
+        }
         Ok(made)
     }
 
-    fn add(&mut self, image: vk::Image) -> Result<(), XrError> {
+    fn add(&mut self, image: vk::Image, layers: u32) -> Result<(), XrError> {
         // Pushed first: whatever fails below, dropping destroys what was made.
-        self.images.push(Eyes { image, views: [vk::ImageView::null(); 3] });
-        let Some(eyes) = self.images.last_mut() else { return Ok(()) };
-        let layers = [(0, 2), (0, 1), (1, 1)];
-        for (view, (first, count)) in eyes.views.iter_mut().zip(layers) {
+        self.images.push(Viewed { image, views: [vk::ImageView::null(); 3] });
+        let Some(viewed) = self.images.last_mut() else { return Ok(()) };
+        let views: &[(u32, u32)] = if layers == 2 { &[(0, 2), (0, 1), (1, 1)] } else { &[(0, 1)] };
+        for (view, &(first, count)) in viewed.views.iter_mut().zip(views) {
             let kind = if count > 1 { vk::ImageViewType::TYPE_2D_ARRAY } else { vk::ImageViewType::TYPE_2D };
             let info = vk::ImageViewCreateInfo::default()
                 .image(image)
@@ -98,7 +122,7 @@ impl EyeSwapchain {
                     base_array_layer: first,
                     layer_count: count,
                 });
-            // SAFETY: the runtime's image has two layers of this format and lives as long as the swapchain.
+            // SAFETY: the runtime's image has these layers and this format and lives as long as the swapchain.
             let made = unsafe { self.gpu.device().create_image_view(&info, None) };
             *view = made.map_err(|result| motes_renderer::gpu::GpuError::Call {
                 call: "vkCreateImageView",
@@ -123,10 +147,10 @@ impl EyeSwapchain {
                 index
             }
         };
-        let eyes = &self.images[index];
+        let viewed = &self.images[index];
         Ok(Target {
-            all: eyes.views[0],
-            layers: [eyes.views[1], eyes.views[2]],
+            all: viewed.views[0],
+            layers: [viewed.views[1], viewed.views[2]],
             format: self.format,
             size: self.size,
             layout: vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL,
@@ -149,12 +173,12 @@ impl EyeSwapchain {
     }
 }
 
-impl Drop for EyeSwapchain {
+impl Drop for Images {
     fn drop(&mut self) {
         if let Err(e) = self.gpu.wait_idle() {
             log::error!("{e}");
         }
-        for view in self.images.drain(..).flat_map(|eyes| eyes.views) {
+        for view in self.images.drain(..).flat_map(|viewed| viewed.views) {
             // SAFETY: the device is idle. Null handles are ignored.
             unsafe { self.gpu.device().destroy_image_view(view, None) };
         }

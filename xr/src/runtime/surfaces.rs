@@ -1,0 +1,171 @@
+//! Pictures that are made once and shown on quads: the dark rim, and the ring of a landing place.
+
+use super::Runtime;
+use super::swapchain::{Images, Wish};
+use crate::error::During;
+use crate::{RIM_CLEAR, Surface, XrError};
+use ash::vk;
+use gpu_allocator::MemoryLocation;
+use motes_renderer::Renderer;
+use motes_renderer::gpu::{Buffer, Gpu};
+use openxr as xr;
+use std::sync::Arc;
+
+/// Side of a picture, pixels: both are smooth.
+const SIDE: u32 = 256;
+
+/// The pictures of a session.
+pub(super) struct Surfaces {
+    rim: Images,
+    landing: Images,
+}
+
+impl Surfaces {
+    pub fn new(
+        runtime: &Runtime,
+        gpu: &Arc<Gpu>,
+        session: &xr::Session<xr::Vulkan>,
+    ) -> Result<Self, XrError> {
+        Ok(Self { rim: still(runtime, gpu, session, rim)?, landing: still(runtime, gpu, session, landing)? })
+    }
+
+    /// The picture of a surface, and its size.
+    pub fn swapchain(&self, surface: Surface) -> &Images {
+        match surface {
+            Surface::Rim => &self.rim,
+            Surface::Landing => &self.landing,
+        }
+    }
+}
+
+/// Light and opacity, `0 ..= 1`, premultiplied, at a distance from the middle in half sides.
+type Paint = fn(f32) -> [f32; 2];
+
+/// Black, clear in the middle.
+fn rim(distance: f32) -> [f32; 2] {
+    const SOFT: f32 = 0.4 * RIM_CLEAR;
+    [0.0, ((distance - RIM_CLEAR) / SOFT + 0.5).clamp(0.0, 1.0)]
+}
+
+/// A white ring with a faint disc in it.
+fn landing(distance: f32) -> [f32; 2] {
+    let ring = 1.0 - ((distance - 0.85).abs() / 0.1).min(1.0);
+    let disc = if distance < 0.85 { 0.15 } else { 0.0 };
+    let opacity = ring.max(disc);
+    [opacity, opacity]
+}
+
+fn still(
+    runtime: &Runtime,
+    gpu: &Arc<Gpu>,
+    session: &xr::Session<xr::Vulkan>,
+    paint: Paint,
+) -> Result<Images, XrError> {
+    let wish = Wish { size: [SIDE; 2], layers: 1, still: true };
+    let mut images = Images::new(runtime, gpu, session, &wish)?;
+    let mut bytes = Vec::with_capacity((4 * SIDE * SIDE) as usize);
+    for y in 0..SIDE {
+        for x in 0..SIDE {
+            let at = |i: u32| (i as f32 + 0.5) / (SIDE as f32 / 2.0) - 1.0;
+            let [light, opacity] = paint(at(x).hypot(at(y))).map(|v| (v * 255.0).round() as u8);
+            bytes.extend([light, light, light, opacity]);
+        }
+    }
+    let mut buffer = Buffer::new(
+        gpu,
+        "picture of a quad",
+        bytes.len() as u64,
+        vk::BufferUsageFlags::TRANSFER_SRC,
+        MemoryLocation::CpuToGpu,
+    )?;
+    buffer.mapped_mut()[..bytes.len()].copy_from_slice(&bytes);
+    images.acquire()?;
+    let Some(image) = images.current() else { return Ok(images) };
+    // The renderer's frames are command buffers that are waited for: nothing else of it is used.
+    let mut renderer = Renderer::new(gpu)?;
+    let frame = renderer.begin()?;
+    record_copy(gpu, frame.commands(), &buffer, image);
+    renderer.finish(frame)?;
+    images.release().map(|()| images)
+}
+
+fn record_copy(gpu: &Gpu, commands: vk::CommandBuffer, buffer: &Buffer, image: vk::Image) {
+    use vk::{AccessFlags as Access, ImageLayout as Layout, PipelineStageFlags as Stage};
+    let change = |from: Layout, to: Layout, wrote: Access, reads: Access| {
+        vk::ImageMemoryBarrier::default()
+            .image(image)
+            .subresource_range(vk::ImageSubresourceRange {
+                aspect_mask: vk::ImageAspectFlags::COLOR,
+                base_mip_level: 0,
+                level_count: 1,
+                base_array_layer: 0,
+                layer_count: 1,
+            })
+            .old_layout(from)
+            .new_layout(to)
+            .src_access_mask(wrote)
+            .dst_access_mask(reads)
+            .src_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
+            .dst_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
+    };
+    let target = Layout::TRANSFER_DST_OPTIMAL;
+    let before = change(Layout::UNDEFINED, target, Access::empty(), Access::TRANSFER_WRITE);
+    // Runtimes want images back in the layout for drawing.
+    let drawn = Layout::COLOR_ATTACHMENT_OPTIMAL;
+    let after = change(target, drawn, Access::TRANSFER_WRITE, Access::COLOR_ATTACHMENT_READ);
+    let copy = vk::BufferImageCopy {
+        image_subresource: vk::ImageSubresourceLayers {
+            aspect_mask: vk::ImageAspectFlags::COLOR,
+            mip_level: 0,
+            base_array_layer: 0,
+            layer_count: 1,
+        },
+        image_extent: vk::Extent3D { width: SIDE, height: SIDE, depth: 1 },
+        ..Default::default()
+    };
+    let none = vk::DependencyFlags::empty();
+    let device = gpu.device();
+    // SAFETY: the image is one layer of this size, acquired; the buffer holds it, and lives until the frame is done.
+    unsafe {
+        device.cmd_pipeline_barrier(commands, Stage::TOP_OF_PIPE, Stage::TRANSFER, none, &[], &[], &[before]);
+        device.cmd_copy_buffer_to_image(commands, buffer.raw(), image, target, &[copy]);
+        let output = Stage::COLOR_ATTACHMENT_OUTPUT;
+        device.cmd_pipeline_barrier(commands, Stage::TRANSFER, output, none, &[], &[], &[after]);
+    }
+}
+
+/// What the runtime is told once when a session is there: clocks, and which rates the display offers.
+pub(super) fn tune(runtime: &Runtime, session: &xr::Session<xr::Vulkan>) {
+    if let Some(calls) = &runtime.instance.exts().ext_performance_settings {
+        for domain in [xr::sys::PerfSettingsDomainEXT::CPU, xr::sys::PerfSettingsDomainEXT::GPU] {
+            let level = xr::sys::PerfSettingsLevelEXT::SUSTAINED_HIGH;
+            // SAFETY: the session is alive.
+            let result =
+                unsafe { (calls.perf_settings_set_performance_level)(session.as_raw(), domain, level) };
+            if result.into_raw() < 0 {
+                log::warn!("xrPerfSettingsSetPerformanceLevelEXT: {result}");
+            }
+        }
+    }
+    if runtime.optional().refresh_rate {
+        match session.enumerate_display_refresh_rates().during("xrEnumerateDisplayRefreshRatesFB") {
+            Ok(rates) => log::info!("display rates offered: {rates:?} Hz"),
+            Err(error) => log::warn!("{error}"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_rim_is_clear_in_the_middle_and_black_outside() {
+        assert_eq!(rim(0.0), [0.0, 0.0]);
+        assert_eq!(rim(1.4), [0.0, 1.0]);
+        assert!((rim(RIM_CLEAR)[1] - 0.5).abs() < 1e-6);
+        let [light, opacity] = landing(0.85);
+        assert!(light <= opacity && opacity > 0.9, "premultiplied");
+        assert_eq!(landing(1.0), [0.0, 0.0]);
+    }
+}
