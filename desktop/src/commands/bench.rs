@@ -32,7 +32,7 @@ pub struct BenchArgs {
     /// Views around each scene, where no cameras are named
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=64))]
     pub around: u16,
-    /// Size of pictures (a camera's own, else 480x360)
+    /// Size of pictures (a camera's own, else 400x300)
     #[arg(long, value_name = "WxH")]
     pub size: Option<Size>,
     /// Rounds: every configuration is timed once in each
