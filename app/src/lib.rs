@@ -8,5 +8,6 @@ pub mod opened;
 pub mod painter;
 pub mod panel;
 pub mod prediction;
+pub mod quality;
 pub mod time;
 pub mod viewer;

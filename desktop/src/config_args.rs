@@ -2,21 +2,24 @@
 
 use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{Arg, ArgMatches, Command};
+use motes_app::quality::{Quality, Table};
 use motes_renderer::{CHOICES, Choice, Kind, PRESETS, RenderConfig};
 
 /// What was said about how to draw.
 #[derive(Clone, Debug, Default)]
 pub struct ConfigArgs {
     preset: Option<String>,
+    quality: Option<RenderConfig>,
     /// Names and values, valid each.
     given: Vec<(&'static str, String)>,
 }
 
 impl ConfigArgs {
-    /// The preset with the given values.
+    /// The preset, or what the quality stands for, with the given values.
     pub fn config(&self) -> RenderConfig {
         let preset = PRESETS.iter().find(|p| Some(p.name) == self.preset.as_deref());
-        let mut config = preset.map_or_else(RenderConfig::default, |p| (p.config)());
+        let base = || self.quality.clone().unwrap_or_default();
+        let mut config = preset.map_or_else(base, |p| (p.config)());
         for (name, value) in &self.given {
             // The parser has let only values through that can be set.
             if let Some(choice) = Choice::named(name)
@@ -39,11 +42,18 @@ impl ConfigArgs {
     }
 }
 
+/// What a quality stands for.
+fn quality(text: &str) -> Result<RenderConfig, String> {
+    let quality: Quality = text.parse()?;
+    Table::built_in().and_then(|table| table.config(quality)).map_err(|e| e.to_string())
+}
+
 impl clap::FromArgMatches for ConfigArgs {
     fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
         let text = |name: &str| matches.get_one::<String>(name).cloned();
         let given = CHOICES.iter().filter_map(|c| Some((c.name, text(c.name)?))).collect();
-        Ok(Self { preset: text("preset"), given })
+        let quality = matches.get_one::<RenderConfig>("quality").cloned();
+        Ok(Self { preset: text("preset"), quality, given })
     }
 
     fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
@@ -61,7 +71,13 @@ impl clap::Args for ConfigArgs {
             .value_name("NAME")
             .value_parser(PossibleValuesParser::new(presets))
             .help("Choices that belong together; options change them further");
-        let mut arguments = vec![preset];
+        let quality = Arg::new("quality")
+            .long("quality")
+            .value_name("exact|balanced|fast|FLIP")
+            .conflicts_with("preset")
+            .value_parser(quality)
+            .help("The cheapest way that came so close on every scene that was measured (motes bench)");
+        let mut arguments = vec![preset, quality];
         for choice in CHOICES {
             let argument = Arg::new(choice.name).long(choice.name).help(choice.about);
             arguments.push(match choice.kind {
@@ -118,6 +134,21 @@ mod tests {
         assert_eq!((config.shape, config.sort_per_eye), (QuadShape::Square, true));
         assert_eq!(config.background, [1.0, 0.0, 0.5]);
         assert!(!parse("--sort-per-eye false").unwrap().sort_per_eye);
+    }
+
+    #[test]
+    fn a_quality_is_what_was_measured() {
+        let table = Table::built_in().unwrap();
+        let fast = parse("--quality fast").unwrap();
+        assert_eq!(fast, table.config(Quality::Fast).unwrap());
+        let shaped = parse("--quality fast --shape axis-aligned").unwrap();
+        assert_eq!(shaped, RenderConfig { shape: QuadShape::AxisAligned, ..fast });
+        // Everything is within an error of 1: the cheapest of all.
+        let cheapest = table.points.last().unwrap();
+        assert_eq!(parse("--quality 1").unwrap(), table.config(Quality::Within(cheapest.flip)).unwrap());
+        for line in ["--quality best", "--quality 0", "--quality fast --preset inria"] {
+            assert!(parse(line).is_err(), "{line}");
+        }
     }
 
     #[test]

@@ -4,6 +4,7 @@ pub mod bench;
 pub mod commands;
 pub mod config_args;
 pub mod error;
+pub mod heat;
 pub mod measure;
 pub mod shots;
 pub mod studio;

@@ -20,10 +20,10 @@ pub struct Picture {
     pub pixels: Vec<[u8; 4]>,
 }
 
-/// How many layers each pixel took.
+/// How many layers each rendered pixel took.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LayerMap {
-    /// Width and height, pixels.
+    /// Width and height of the rendered image (smaller than the shown one at a reduced resolution), pixels.
     pub size: [u32; 2],
     /// Fragments that were shaded, a pixel; exact up to 2048.
     pub shaded: Vec<f32>,
@@ -198,8 +198,8 @@ impl Offscreen {
         let report = self.record(scene, views, config, Read::Layers);
         self.renderer.count_layers(false)?;
         let report = report?;
-        let size = views[0].size;
-        let count = (size[0] * size[1]) as usize;
+        let size = self.renderer.layer_counts().map_or([0, 0], |counts| counts.description().size);
+        let count = ((size[0] * size[1]) as usize).max(1);
         let bytes = self.readback.as_ref().map(Buffer::mapped).unwrap_or_default();
         let at = |p: &[u8], i: usize| f16::from_le_bytes([p[2 * i], p[2 * i + 1]]).to_f32();
         let maps = bytes
@@ -274,6 +274,7 @@ impl Offscreen {
             Read::Layers => self.renderer.layer_counts(),
         };
         if let Some(source) = source {
+            let read_size = source.description().size;
             let copy = vk::BufferImageCopy {
                 image_subresource: vk::ImageSubresourceLayers {
                     aspect_mask: vk::ImageAspectFlags::COLOR,
@@ -281,7 +282,7 @@ impl Offscreen {
                     base_array_layer: 0,
                     layer_count: views.len() as u32,
                 },
-                image_extent: vk::Extent3D { width: first.size[0], height: first.size[1], depth: 1 },
+                image_extent: vk::Extent3D { width: read_size[0], height: read_size[1], depth: 1 },
                 ..Default::default()
             };
             let barrier = vk::MemoryBarrier::default()

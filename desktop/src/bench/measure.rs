@@ -14,8 +14,9 @@ use super::record::{
 };
 use super::subject::Subject;
 use super::sweep::Point;
+use super::truth::LAYERS_SHOWN;
 use super::{BenchError, truth};
-use crate::measure::{Picture, Settings, compare};
+use crate::measure::{ColourMap, Picture, Settings, coloured, compare};
 use crate::shots::Shot;
 
 /// How fast the head moves sideways where an order is older than the frame, metres per second: leaning over.
@@ -129,7 +130,8 @@ impl SubjectBench<'_> {
                 if !done {
                     match self.picture(view, point) {
                         Ok((picture, scene)) => {
-                            self.compare(view, point, &truth, &picture, scene.bytes())?;
+                            let layers = self.layers(view, point, &scene, i == 0)?;
+                            self.compare(view, point, &truth, &picture, layers, scene.bytes())?;
                             if i == 0 {
                                 let path = picture_path(plan.folder, &subject.name, &point.name);
                                 picture.save(&path)?;
@@ -194,7 +196,9 @@ impl SubjectBench<'_> {
             return None;
         }
         let start = Instant::now();
-        self.offscreen.sort(scene, std::slice::from_ref(&then), config);
+        // Now, whatever the interval: the age of the order is made here.
+        let now = RenderConfig { sort_interval: 1, ..config.clone() };
+        self.offscreen.sort(scene, std::slice::from_ref(&then), &now);
         self.sorted = Some((then, what));
         Some(start.elapsed().as_secs_f64() * 1e3)
     }
@@ -208,12 +212,41 @@ impl SubjectBench<'_> {
         Ok((to_picture(picture)?, scene))
     }
 
+    /// Layers per pixel of the shown image, shaded and blended; their map as a picture, where it is wanted.
+    fn layers(
+        &mut self,
+        view: &Shot,
+        point: &Point,
+        scene: &SceneOnDevice,
+        save: bool,
+    ) -> Result<Option<[f64; 2]>, BenchError> {
+        let config = at(&point.config, view);
+        let maps = match self.offscreen.layers(scene, std::slice::from_ref(&view.view), &config) {
+            Ok((maps, _)) => maps,
+            Err(GpuError::Unsupported { .. } | GpuError::Config(_)) => return Ok(None),
+            Err(error) => return Err(error.into()),
+        };
+        // Counting sorts anew.
+        self.sorted = None;
+        let Some(map) = maps.first() else { return Ok(None) };
+        if save {
+            let values = map.shaded.iter().map(|&l| f64::from(l));
+            let picture = coloured(map.size, values, [0.0, LAYERS_SHOWN], ColourMap::Viridis)?;
+            picture.save(&layers_path(self.plan.folder, &self.subject.name, &point.name))?;
+        }
+        let pixels = |size: [u32; 2]| f64::from(size[0]) * f64::from(size[1]);
+        let share = pixels(map.size) / pixels(view.view.size);
+        Ok(Some([map.mean_shaded() * share, map.mean_blended() * share]))
+    }
+
+    #[allow(clippy::too_many_arguments, reason = "what was measured of one picture")]
     fn compare(
         &mut self,
         view: &Shot,
         point: &Point,
         truth: &Picture,
         picture: &Picture,
+        layers: Option<[f64; 2]>,
         scene_bytes: u64,
     ) -> Result<(), BenchError> {
         let comparison = compare(truth, picture, &self.plan.settings)?;
@@ -226,6 +259,7 @@ impl SubjectBench<'_> {
             flip: comparison.flip,
             worst: comparison.worst,
             rings: rings(&view.view, &comparison.maps.flip),
+            layers,
             hash: hash(&picture.to_rgb8()),
             scene_bytes,
             memory: self.gpu.allocated_bytes(),
@@ -295,6 +329,11 @@ impl SubjectBench<'_> {
 /// The file of a configuration's picture (from a scene's first view).
 pub fn picture_path(folder: &Path, scene: &str, configuration: &str) -> PathBuf {
     folder.join("pictures").join(format!("{}.png", truth::file_name(&[scene, configuration])))
+}
+
+/// The file of a configuration's layers (from a scene's first view).
+pub fn layers_path(folder: &Path, scene: &str, configuration: &str) -> PathBuf {
+    folder.join("pictures").join(format!("{}.layers.png", truth::file_name(&[scene, configuration])))
 }
 
 /// A drawn picture as one to compare.

@@ -5,12 +5,14 @@
 //! * [`truth`]: what pictures are measured against.
 //! * [`measure`]: the measuring; every finished frame is a line of a file, so that a run can go on where it ended.
 //! * [`outcome`], [`front`]: medians, spreads, ratios; what no other configuration beats.
+//! * [`quality`]: the table behind `--quality`.
 //! * [`report`]: HTML, CSV and JSON.
 
 pub mod experiments;
 pub mod front;
 pub mod measure;
 pub mod outcome;
+pub mod quality;
 pub mod record;
 pub mod report;
 pub mod subject;

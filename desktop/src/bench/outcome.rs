@@ -79,8 +79,12 @@ pub struct Outcome {
     pub worst: f64,
     /// Mean FLIP by angle from the middle of the view, where one view was measured.
     pub rings: Vec<f64>,
-    /// Fragments per pixel of the full-size image, marks of early stop among them.
+    /// Fragments per pixel of the shown image, full-screen passes (marks of early stop, upscaling) among them.
     pub layers: f64,
+    /// Of those, the ones that were blended, where they were counted.
+    pub blended: Option<f64>,
+    /// Whether the fragments of splats were counted one by one, or taken from the device's statistics.
+    pub exactly_counted: bool,
     /// Fragments.
     pub fragments: f64,
     /// Primitives.
@@ -190,17 +194,22 @@ fn outcome(
     let ratios: Vec<f64> =
         own.iter().filter_map(|(round, ms)| Some(ms / base.get(round)?)).filter(|r| r.is_finite()).collect();
     let sorts: Vec<f64> = frames.iter().filter_map(|f| f.sort_ms).collect();
-    // Where the device does not count, what the preparation predicted stands in.
-    let fragments = count(&|f| match f.report.fragments {
-        0 => f64::from(f.report.predicted_fragments),
-        counted => counted as f64,
-    });
-    let layers = fragments / count(&|f| f.report.pixels.max(1) as f64);
+    // Counted exactly, where that was possible; else by the device's statistics (which on some leave out fragments that
+    // end early); else what the preparation predicted.
+    let pixels = |f: &FrameRecord| f.report.shown_pixels.max(f.report.pixels).max(1) as f64;
+    let upscaled = count(&|f| if f.report.shown_pixels > f.report.pixels { 1.0 } else { 0.0 });
+    let full_screen = upscaled + count(&|f| f.report.full_screen_fragments as f64 / pixels(f));
+    let shaded = all(errors, |e| e.layers.map(|l| l[0]));
+    let layers = full_screen
+        + shaded.unwrap_or_else(|| {
+            count(&|f| match f.report.fragments.saturating_sub(f.report.full_screen_fragments) {
+                0 => f64::from(f.report.predicted_fragments) / pixels(f),
+                counted => counted as f64 / pixels(f),
+            })
+        });
+    let fragments = layers * count(&pixels);
     let corners = if config.shape == QuadShape::Octagon { 8 } else { 4 };
     let load = FrameLoad::new(splats, config.expansion, corners, layers);
-    let all = |value: fn(&ErrorRecord) -> Option<f64>| {
-        errors.iter().map(|e| value(e)).collect::<Option<Vec<f64>>>().map(|v| v.iter().sum::<f64>() / n)
-    };
     Ok(Outcome {
         scene: errors[0].scene.clone(),
         configuration: name.clone(),
@@ -212,8 +221,10 @@ fn outcome(
             errors.iter().map(|e| e.flip.min).fold(f64::INFINITY, f64::min),
             errors.iter().map(|e| e.flip.max).fold(0.0, f64::max),
         ],
-        psnr: all(|e| e.psnr),
-        ssim: all(|e| e.ssim),
+        psnr: all(errors, |e| e.psnr),
+        ssim: all(errors, |e| e.ssim),
+        blended: all(errors, |e| e.layers.map(|l| l[1])),
+        exactly_counted: shaded.is_some(),
         worst: errors.iter().map(|e| f64::from(e.worst.difference)).fold(0.0, f64::max),
         rings: if let [one] = errors { one.rings.clone() } else { Vec::new() },
         layers,
@@ -240,6 +251,12 @@ fn outcome(
         predicted: rates.predict(&load),
         no_effect: false,
     })
+}
+
+/// The mean of what every view has.
+fn all(errors: &[&ErrorRecord], value: fn(&ErrorRecord) -> Option<f64>) -> Option<f64> {
+    let values: Option<Vec<f64>> = errors.iter().map(|e| value(e)).collect();
+    values.map(|v| v.iter().sum::<f64>() / v.len().max(1) as f64)
 }
 
 /// Names of the choices that show nothing about a frame's own quality and cost (a stand-in for another moment, or a form
@@ -366,6 +383,7 @@ pub(super) mod tests {
                         difference: flip as f32,
                     },
                     rings: vec![flip],
+                    layers: None,
                     hash: fragments,
                     scene_bytes: 56_000,
                     memory: 1 << 20,
@@ -374,6 +392,7 @@ pub(super) mod tests {
                     let report = FrameReport {
                         views: 1,
                         pixels: 100,
+                        shown_pixels: 100,
                         fragments,
                         draw_ns: 1e6 * ms * f64::from(round),
                         ..Default::default()

@@ -167,6 +167,9 @@ pub struct ErrorRecord {
     pub worst: Worst,
     /// Mean FLIP error by angle from the middle of the view, in rings of [`RING_DEGREES`]; −1 where a ring is empty.
     pub rings: Vec<f64>,
+    /// Fragments of splats per pixel of the shown image, exactly: shaded, and of those the ones that were blended.
+    /// Absent where the device cannot count them.
+    pub layers: Option<[f64; 2]>,
     /// A hash of the picture: equal pictures have equal ones.
     pub hash: u64,
     /// Bytes of the scene on the device.

@@ -14,7 +14,7 @@ use super::BenchError;
 use crate::shots::{Shot, resized};
 
 /// Size of a picture where no camera names one.
-pub const DEFAULT_SIZE: [u32; 2] = [480, 360];
+pub const DEFAULT_SIZE: [u32; 2] = [400, 300];
 
 /// Vertical angle of views that were chosen here, radians.
 const VERTICAL: f64 = 60.0 * std::f64::consts::PI / 180.0;

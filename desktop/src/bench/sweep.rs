@@ -28,27 +28,23 @@ pub const QUICK: Sweep = Sweep {
     axes: &[
         ("expansion", &["instanced", "geometry"]),
         ("projection", &["affine", "exact"]),
-        ("low-pass", &["2d-compensated", "3d", "none"]),
-        ("shape", &["square", "diamond", "axis-aligned"]),
-        ("radius", &["sqrt8", "full"]),
+        ("low-pass", &["3d"]),
+        ("shape", &["square", "diamond"]),
+        ("radius", &["full"]),
         ("order", &["depth"]),
-        ("key-bits", &["16"]),
         ("sort", &["gpu", "stochastic"]),
-        ("sort-interval", &["10", "60"]),
-        ("composite", &["front-to-back", "back-to-front"]),
-        ("stop-below", &["0.02", "0.05", "0.1"]),
+        ("sort-interval", &["30"]),
+        ("composite", &["front-to-back"]),
+        ("stop-below", &["0.02", "0.1"]),
         ("precision", &["f16", "f16-naive"]),
-        ("sh-precision", &["f16", "u8"]),
-        ("sh-degree", &["0", "1"]),
-        ("target-format", &["rgba8", "rgb10a2"]),
-        ("min-opacity", &["0.05", "0.1"]),
+        ("target-format", &["rgba32f", "rgba8"]),
+        ("min-opacity", &["0.05"]),
         ("min-contribution", &["0.5", "2"]),
         ("resolution-scale", &["0.7071", "0.5"]),
     ],
     points: &[
         EXACT,
         &[("stop-below", "0.02"), ("min-contribution", "0.2")],
-        &[("stop-below", "0.02"), ("min-opacity", "0.02"), ("min-contribution", "0.5")],
         &[("shape", "diamond"), ("stop-below", "0.05")],
         &[("shape", "diamond"), ("stop-below", "0.05"), ("resolution-scale", "0.7071")],
     ],
@@ -59,7 +55,7 @@ pub const EXACT: Changes = &[
     ("projection", "exact"),
     ("radius", "full"),
     ("composite", "front-to-back"),
-    ("target-format", "rgba16f"),
+    ("target-format", "rgba32f"),
     ("min-opacity", "0"),
 ];
 
@@ -67,30 +63,24 @@ pub const EXACT: Changes = &[
 const FULL: Sweep = Sweep {
     base: "default",
     axes: &[
-        ("low-pass", &["3d-compensated"]),
-        ("stop-below", &["0.01", "0.2"]),
-        ("min-opacity", &["0.01", "0.02", "0.2"]),
-        ("min-contribution", &["0.1", "0.2", "1", "4"]),
-        ("max-radius", &["0.5", "0.25"]),
-        ("batches", &["2", "4", "6"]),
-        ("sh-degree", &["2"]),
-        ("resolution-scale", &["0.9", "0.8", "0.6"]),
+        ("low-pass", &["2d-compensated", "3d-compensated", "none"]),
+        ("shape", &["axis-aligned"]),
+        ("radius", &["sqrt8"]),
+        ("min-opacity", &["0.02", "0.1"]),
+        ("min-contribution", &["0.2", "1"]),
+        ("max-radius", &["0.25"]),
     ],
     points: &[
         &[("stop-below", "0.01"), ("min-contribution", "0.1")],
         &[("stop-below", "0.02"), ("min-contribution", "0.5")],
         &[("stop-below", "0.05"), ("min-contribution", "0.5")],
-        &[("stop-below", "0.05"), ("min-contribution", "1")],
         &[("stop-below", "0.1"), ("min-contribution", "1")],
-        &[("stop-below", "0.05"), ("min-opacity", "0.02")],
         &[("stop-below", "0.05"), ("min-opacity", "0.05"), ("min-contribution", "1")],
         &[("stop-below", "0.1"), ("min-opacity", "0.1"), ("min-contribution", "2")],
         &[("shape", "diamond"), ("stop-below", "0.02")],
-        &[("shape", "diamond"), ("stop-below", "0.05"), ("min-contribution", "0.5")],
         &[("shape", "diamond"), ("stop-below", "0.1"), ("min-opacity", "0.05"), ("min-contribution", "1")],
         &[("stop-below", "0.02"), ("resolution-scale", "0.7071")],
         &[("stop-below", "0.05"), ("resolution-scale", "0.7071"), ("min-contribution", "0.5")],
-        &[("stop-below", "0.1"), ("resolution-scale", "0.7071"), ("min-opacity", "0.05")],
         &[("stop-below", "0.05"), ("resolution-scale", "0.5")],
         &[("shape", "diamond"), ("stop-below", "0.1"), ("resolution-scale", "0.5"), ("min-opacity", "0.05")],
         &[("precision", "f16"), ("sh-precision", "f16")],
@@ -267,7 +257,7 @@ mod tests {
             assert_eq!(unique.len(), points.len());
         }
         let count = |name: &str| configurations(&[name.to_owned()]).unwrap().len();
-        assert!(count("full") > count("quick") + 30);
+        assert!(count("full") > count("quick") + 30 && count("quick") < 40);
         // Together they are no more than apart.
         let both = configurations(&["quick".to_owned(), "full".to_owned()]).unwrap();
         assert_eq!(both.len(), count("full"));

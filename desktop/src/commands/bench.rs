@@ -9,7 +9,7 @@ use crate::bench::measure::{self, Plan};
 use crate::bench::outcome::{self, Agreement, LIMITS, Outcome};
 use crate::bench::record::{Journal, Record};
 use crate::bench::subject::{self, Views, Wanted};
-use crate::bench::{BenchError, report, sweep};
+use crate::bench::{BenchError, quality, report, sweep};
 use crate::error::CommandError;
 use crate::measure::{DEFAULT_PIXELS_PER_DEGREE, Settings};
 use crate::shots::Size;
@@ -32,7 +32,7 @@ pub struct BenchArgs {
     /// Views around each scene, where no cameras are named
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=64))]
     pub around: u16,
-    /// Size of pictures (a camera's own, else 480x360)
+    /// Size of pictures (a camera's own, else 400x300)
     #[arg(long, value_name = "WxH")]
     pub size: Option<Size>,
     /// Rounds: every configuration is timed once in each
@@ -47,6 +47,9 @@ pub struct BenchArgs {
     /// An earlier run, to say how the two agree
     #[arg(long, value_name = "DIR")]
     pub against: Option<PathBuf>,
+    /// Write the table of qualities that `--quality` uses here
+    #[arg(long, value_name = "FILE")]
+    pub presets: Option<PathBuf>,
     /// Write the report from what the folder holds, without measuring
     #[arg(long)]
     pub report_only: bool,
@@ -91,10 +94,27 @@ fn run_to(args: &BenchArgs, out: &mut impl Write, progress: bool) -> Result<(), 
         pixels_per_degree: args.ppd,
         agreement: &agreement,
     };
+    if let Some(path) = &args.presets {
+        let table = quality::table(&record, &outcomes, command(args), args.ppd)?;
+        let text = serde_json::to_string_pretty(&table).map_err(|e| CommandError::Usage(e.to_string()))?;
+        std::fs::write(path, text + "\n").map_err(CommandError::io(path))?;
+    }
     let files = report::write(&contents)?;
     say(out, &record, &outcomes, &agreement).map_err(CommandError::Print)?;
     writeln!(out, "{}", files.html.display()).map_err(CommandError::Print)?;
     Ok(())
+}
+
+/// The command line in short, for whoever reads the table.
+fn command(args: &BenchArgs) -> String {
+    let mut words = vec!["motes bench".to_owned()];
+    let name = |p: &PathBuf| p.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    words.extend(args.scenes.iter().map(name));
+    if let Some(views) = &args.views {
+        words.push(format!("--views {}:{}", name(&views.path), views.names.join(",")));
+    }
+    words.push(format!("--sweep {}", args.sweep.join(",")));
+    words.join(" ")
 }
 
 fn rates(args: &BenchArgs) -> Result<StageRates, BenchError> {

@@ -10,6 +10,7 @@ use motes_scenes::LoadOptions;
 
 use crate::config_args::ConfigArgs;
 use crate::error::CommandError;
+use crate::heat::Heat;
 use crate::measure::Picture;
 use crate::shots::{Shot, ShotArgs};
 use crate::studio::{DeviceArgs, Studio, no_complaints, reference_pictures, side_by_side};
@@ -34,6 +35,9 @@ pub struct RenderArgs {
     /// By the f64 reference renderer on the CPU (with --preset inria: the trainers' semantics exactly)
     #[arg(long)]
     pub reference: bool,
+    /// A heat map instead of colours
+    #[arg(long, value_name = "WHAT")]
+    pub heat: Option<Heat>,
     /// Print the figures of each picture as JSON
     #[arg(long)]
     pub json: bool,
@@ -85,10 +89,27 @@ pub fn run(args: &RenderArgs) -> Result<(), CommandError> {
         } else {
             vec![shot.view]
         };
-        let (pictures, report) = match &mut device {
-            Some((studio, _)) => studio.take(&views, &config).map(|(p, report)| (p, Some(report)))?,
-            None => (reference_pictures(splats, &views, &config, trainers)?, None),
+        let painted = match args.heat {
+            Some(heat) => heat.of_splats(splats, &views[0])?,
+            None => None,
         };
+        let (mut pictures, report) = match (&mut device, &painted) {
+            (Some((_, gpu)), Some(painted)) => {
+                let (pictures, report) = Studio::new(gpu, painted, &config)?.take(&views, &config)?;
+                (pictures, Some(report))
+            }
+            (Some((studio, _)), None) => studio.take(&views, &config).map(|(p, report)| (p, Some(report)))?,
+            (None, painted) => {
+                let splats = painted.as_ref().unwrap_or(splats);
+                (reference_pictures(splats, &views, &config, trainers)?, None)
+            }
+        };
+        if let Some(heat) = args.heat {
+            let drawn = if args.reference { &[][..] } else { &pictures };
+            if let Some(maps) = heat.of_pixels(splats, &views, &config, drawn)? {
+                pictures = maps;
+            }
+        }
         let file = file_of(args, shot);
         save(&side_by_side(&pictures)?, &file)?;
         say(&Line { file: &file, report }, args.json)?;

@@ -167,8 +167,9 @@ fn album(contents: &Contents<'_>, report: &Report<'_>) -> Result<Album, BenchErr
         let Some(view) = summary.and_then(|s| s.truths.first()) else { continue };
         let picture = measure::picture_path(contents.folder, scene, configuration);
         let truth = truth::path(contents.folder, scene, &view.view);
+        let layers = measure::layers_path(contents.folder, scene, configuration);
         let key = format!("{scene}|{configuration}");
-        if !album.add_pair(&key, &picture, &truth, contents.pixels_per_degree)? {
+        if !album.add_pair(&key, &picture, &truth, &layers, contents.pixels_per_degree)? {
             break;
         }
     }

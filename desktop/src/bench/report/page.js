@@ -150,7 +150,7 @@ function detail() {
   ];
   $("detail").innerHTML = `<h3>${escape(words(o.configuration))}</h3>` +
     (o.no_effect ? "<p>This choice changes nothing on this scene.</p>" : "") +
-    `<div class="thumbs">${thumb(o.scene + "|truth", "what it should be")}${thumb(key, "as it was drawn")}${thumb(key + "|error", "visible error (FLIP)")}${thumb(o.scene + "|layers", "layers of splats (0 to 200)")}</div>` +
+    `<div class="thumbs">${thumb(o.scene + "|truth", "what it should be")}${thumb(key, "as it was drawn")}${thumb(key + "|error", "visible error (FLIP)")}${P[key + "|layers"] ? thumb(key + "|layers", "layers of splats (0 to 200)") : thumb(o.scene + "|layers", "layers of the reference (0 to 200)")}</div>` +
     (P[key] ? "" : "<p class=soft>Its picture is in the folder <code>pictures</code> beside this page.</p>") +
     `<table>${rows.map(([k, v]) => `<tr><td>${escape(k)}</td><td class="num">${escape(v)}</td></tr>`).join("")}</table>
     <p class="soft">${state.pinned ? "Click on empty ground to let go." : "Point at a dot; click to keep it."}</p>`;

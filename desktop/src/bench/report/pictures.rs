@@ -34,12 +34,13 @@ impl Album {
         Ok(())
     }
 
-    /// Adds a configuration's picture and its map of FLIP errors. `false`: no room is left.
+    /// Adds a configuration's picture, its map of FLIP errors, and that of its layers where there is one. `false`: no room is left.
     pub fn add_pair(
         &mut self,
         name: &str,
         picture: &Path,
         truth: &Path,
+        layers: &Path,
         pixels_per_degree: f32,
     ) -> Result<bool, BenchError> {
         let (picture, truth) = (Picture::load(picture)?, Picture::load(truth)?);
@@ -47,11 +48,16 @@ impl Album {
         let grey = Picture::new(picture.size(), errors.iter().map(|&e| [e; 3]).collect())?;
         let (small, map) = (shrunk(&picture), shrunk(&grey));
         let (small, map) = (true_colour(&small)?, palette(&map)?);
-        if small.len() + map.len() > self.left {
+        let layers =
+            if layers.exists() { Some(true_colour(&shrunk(&Picture::load(layers)?))?) } else { None };
+        if small.len() + map.len() + layers.as_ref().map_or(0, Vec::len) > self.left {
             return Ok(false);
         }
         self.put(name, small);
         self.put(&format!("{name}|error"), map);
+        if let Some(layers) = layers {
+            self.put(&format!("{name}|layers"), layers);
+        }
         Ok(true)
     }
 
@@ -140,9 +146,9 @@ mod tests {
             Picture::new([16, 16], vec![[v; 3]; 256]).unwrap().save(path).unwrap();
         }
         let mut album = Album::new(100_000);
-        assert!(album.add_pair("x", &b, &a, 67.0).unwrap());
+        assert!(album.add_pair("x", &b, &a, &folder.join("none.png"), 67.0).unwrap());
         assert_eq!(album.pictures.keys().collect::<Vec<_>>(), ["x", "x|error"]);
-        assert!(!Album::new(10).add_pair("x", &b, &a, 67.0).unwrap());
+        assert!(!Album::new(10).add_pair("x", &b, &a, &folder.join("none.png"), 67.0).unwrap());
         // What is shown is a PNG that decodes to the map's colour.
         let text = album.pictures["x|error"].strip_prefix("data:image/png;base64,").unwrap();
         let bytes = base64::engine::general_purpose::STANDARD.decode(text).unwrap();

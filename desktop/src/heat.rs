@@ -1,0 +1,249 @@
+//! Heat maps: a picture in which colour is a quantity, of a pixel or of the splats that are seen there.
+//!
+//! Quantities of a pixel (layers, hidden layers, error) are coloured by themselves. Quantities of a splat (projection
+//! error, density, labels) colour the splats, which are then drawn as usual: what shows is what one looks at.
+
+use std::collections::HashMap;
+
+use motes_renderer::projection_error::epsilon;
+use motes_renderer::reference::{self, ReferenceOptions, ReferenceOrder};
+use motes_renderer::{OrderKey, RenderConfig, View, midpoint};
+use motes_scenes::{SH_C0, Splats};
+
+use crate::error::CommandError;
+use crate::measure::{ColourMap, Picture, coloured, flip_map};
+
+/// What a heat map shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Heat {
+    /// Layers blended over a pixel: 0 to 200
+    Layers,
+    /// Layers of a pixel behind which less than 1/255 of the light is left: 0 to 200
+    Hidden,
+    /// Visible error against the reference (FLIP): 0 to 0.5
+    Error,
+    /// Root mean square error of a splat's classic projection: 0.01 to 10 pixels, logarithmic
+    ProjectionError,
+    /// Splats in the voxel around a splat (64 along the scene's longest side): 1 to 1000, logarithmic
+    Density,
+    /// Labels (files of a merged scene, classes), in the order of their numbers
+    Labels,
+}
+
+/// Layers that the last colour stands for.
+const LAYERS: f64 = 200.0;
+/// FLIP error that the last colour stands for.
+const ERROR: f64 = 0.5;
+/// Pixels of projection error between which colours lie.
+const PIXELS: [f64; 2] = [0.01, 10.0];
+/// Splats a voxel between which colours lie.
+const PER_VOXEL: [f64; 2] = [1.0, 1000.0];
+/// Voxels along the longest side.
+const VOXELS: f64 = 64.0;
+/// Half-width of the widest region that a projection error is taken over, radians.
+const WIDEST: f64 = 0.5;
+
+impl Heat {
+    /// The map of a quantity of pixels from the reference, for each view; `None` for a quantity of splats.
+    ///
+    /// `drawn` are the pictures whose error is shown.
+    ///
+    /// # Errors
+    /// The reference's.
+    pub fn of_pixels(
+        self,
+        splats: &Splats,
+        views: &[View],
+        config: &RenderConfig,
+        drawn: &[Picture],
+    ) -> Result<Option<Vec<Picture>>, CommandError> {
+        if !matches!(self, Self::Layers | Self::Hidden | Self::Error) {
+            return Ok(None);
+        }
+        let mut options = ReferenceOptions::of_config(config);
+        if config.order == OrderKey::Radial {
+            options.order = ReferenceOrder::Radial(Some(midpoint(views)));
+        }
+        let mut maps = Vec::new();
+        for (i, view) in views.iter().enumerate() {
+            let image = reference::render(splats, view, &options)?;
+            let layers = |count: fn(&reference::ReferencePixel) -> u32| {
+                let values = image.pixels.iter().map(|p| f64::from(count(p)));
+                coloured(image.size, values, [0.0, LAYERS], ColourMap::Viridis)
+            };
+            maps.push(match self {
+                Self::Layers => layers(|p| p.layers)?,
+                Self::Hidden => layers(|p| p.layers.saturating_sub(p.layers_until))?,
+                _ => {
+                    let truth = Picture::new(image.size, image.to_rgb_f32())?;
+                    let test = drawn.get(i).ok_or_else(|| {
+                        CommandError::Usage("an error needs a picture: leave --reference out".into())
+                    })?;
+                    let ppd = crate::measure::DEFAULT_PIXELS_PER_DEGREE;
+                    let errors = flip_map(&truth, test, ppd)?;
+                    let values = errors.into_iter().map(f64::from);
+                    coloured(image.size, values, [0.0, ERROR], ColourMap::Magma)?
+                }
+            });
+        }
+        Ok(Some(maps))
+    }
+
+    /// The scene with its splats coloured by a quantity of theirs, seen from a view; `None` for a quantity of pixels.
+    ///
+    /// # Errors
+    /// A scene without labels.
+    pub fn of_splats(self, splats: &Splats, view: &View) -> Result<Option<Splats>, CommandError> {
+        let values: Vec<f64> = match self {
+            Self::Layers | Self::Hidden | Self::Error => return Ok(None),
+            Self::ProjectionError => {
+                (0..splats.len()).map(|i| share(projection_error(splats, i, view), PIXELS)).collect()
+            }
+            Self::Density => density(splats).into_iter().map(|n| share(f64::from(n), PER_VOXEL)).collect(),
+            Self::Labels => {
+                let labels = splats.labels.as_ref().ok_or_else(|| {
+                    CommandError::Usage(
+                        "the scene has no labels; merge several files, or load classes".into(),
+                    )
+                })?;
+                let most = labels.iter().copied().max().unwrap_or(0).max(1);
+                labels.iter().map(|&l| f64::from(l) / f64::from(most)).collect()
+            }
+        };
+        let mut painted = splats.clone();
+        painted.set_sh_degree(0);
+        painted.sh = values
+            .into_iter()
+            .map(|v| ColourMap::Viridis.colour(v).map(|c| (f32::from(c) / 255.0 - 0.5) / SH_C0))
+            .collect();
+        Ok(Some(painted))
+    }
+}
+
+/// Where a value lies between two, on a logarithmic scale: 0 to 1.
+fn share(value: f64, [low, high]: [f64; 2]) -> f64 {
+    ((value / low).ln() / (high / low).ln()).clamp(0.0, 1.0)
+}
+
+/// Root mean square, over the directions within three standard deviations of a splat, of how far the classic projection
+/// puts them from where they belong, pixels (003, equation 11, as a mean). Behind the eye and around it: ∞.
+fn projection_error(splats: &Splats, i: usize, view: &View) -> f64 {
+    let at = view.to_eye(glam::DVec3::from_array(splats.mean_of(i)));
+    let distance = at.length();
+    if !(at.z > 0.0 && distance > 0.0) {
+        return f64::INFINITY;
+    }
+    let widest = splats.log_scales[i].iter().copied().fold(f32::NEG_INFINITY, f32::max);
+    let half = (3.0 * f64::from(widest).exp() / distance).clamp(1e-6, WIDEST);
+    let (theta, phi) = ((-at.y / distance).asin(), at.x.atan2(at.z));
+    let [fx, fy] = view.focal();
+    (epsilon(theta, phi, half) / (4.0 * half * half)).sqrt() * (fx * fy).sqrt()
+}
+
+/// For every splat, the splats in its voxel.
+fn density(splats: &Splats) -> Vec<u32> {
+    // Of the middle 98 %, so that no far outlier makes the voxels huge.
+    let range = |k: usize| {
+        let mut values: Vec<f32> = splats.means.iter().map(|m| m[k]).collect();
+        let n = values.len();
+        if n == 0 {
+            return 0.0;
+        }
+        let mut at = |share: usize| *values.select_nth_unstable_by((n - 1) * share / 100, f32::total_cmp).1;
+        f64::from(at(99) - at(1))
+    };
+    let side = (0..3).map(range).fold(0.0, f64::max).max(1e-9) / VOXELS;
+    let voxel = |m: &[f32; 3]| m.map(|v| (f64::from(v) / side).floor() as i64);
+    let mut counts: HashMap<[i64; 3], u32> = HashMap::new();
+    for mean in &splats.means {
+        *counts.entry(voxel(mean)).or_default() += 1;
+    }
+    splats.means.iter().map(|m| counts.get(&voxel(m)).copied().unwrap_or(0)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+    use motes_renderer::Fov;
+    use motes_scenes::synthetic::Recipe;
+
+    fn view() -> View {
+        let fov = Fov { left: -1.5, right: 1.5, up: -1.5, down: 1.5 };
+        View::look_at(DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, fov, [64, 64])
+    }
+
+    fn scene() -> Splats {
+        Recipe { count: 50, sh_degree: 3, ..Default::default() }.still()
+    }
+
+    #[test]
+    fn projection_errors_grow_towards_the_rim_and_with_the_splat() {
+        let mut splats = scene();
+        splats.origin = Default::default();
+        splats.means[0] = [0.0, 0.0, 5.0];
+        splats.means[1] = [6.0, 0.0, 5.0];
+        splats.means[2] = [6.0, 0.0, 5.0];
+        splats.means[3] = [0.0, 0.0, -5.0];
+        splats.log_scales[0] = [-3.0; 3];
+        splats.log_scales[1] = [-3.0; 3];
+        splats.log_scales[2] = [-2.0; 3];
+        let error = |i| projection_error(&splats, i, &view());
+        assert!(
+            error(1) > 2.0 * error(0) && error(2) > 2.0 * error(1),
+            "{} {} {}",
+            error(0),
+            error(1),
+            error(2)
+        );
+        assert_eq!(error(3), f64::INFINITY);
+        // The remainder is of second order: a splat of twice the size errs about four times as far.
+        splats.log_scales[1] = [-3.0 + std::f32::consts::LN_2; 3];
+        let twice = projection_error(&splats, 1, &view());
+        splats.log_scales[1] = [-3.0; 3];
+        assert!((twice / projection_error(&splats, 1, &view()) - 4.0).abs() < 1.0, "{twice}");
+    }
+
+    #[test]
+    fn densities_count_neighbours() {
+        let mut splats = scene();
+        for (i, mean) in splats.means.iter_mut().enumerate() {
+            *mean = if i < 20 { [0.1, 0.1, 0.1] } else { [i as f32, 0.1, 0.1] };
+        }
+        let found = density(&splats);
+        assert!(found[..20].iter().all(|&n| n == 20) && found[20..].iter().all(|&n| n == 1), "{found:?}");
+    }
+
+    #[test]
+    fn splats_take_the_colour_of_their_quantity() {
+        let mut splats = scene();
+        assert!(Heat::Labels.of_splats(&splats, &view()).is_err());
+        splats.labels = Some((0..50).map(|i| i % 5).collect());
+        let painted = Heat::Labels.of_splats(&splats, &view()).unwrap().unwrap();
+        assert_eq!((painted.sh_degree, painted.sh.len()), (0, 50));
+        let colour = |i: usize| painted.sh[i].map(|c| ((0.5 + SH_C0 * c) * 255.0).round() as u8);
+        assert_eq!(colour(0), ColourMap::Viridis.colour(0.0));
+        assert_eq!(colour(4), ColourMap::Viridis.colour(1.0));
+        assert!(Heat::Layers.of_splats(&splats, &view()).unwrap().is_none());
+        assert!(
+            (share(1.0, [0.01, 10.0]) - 2.0 / 3.0).abs() < 1e-12 && share(f64::INFINITY, [1.0, 2.0]) == 1.0
+        );
+    }
+
+    #[test]
+    fn pixels_take_the_colour_of_theirs() {
+        let splats = scene();
+        let look = View { eye: DVec3::new(0.0, 0.0, -3.0), ..view() };
+        let config = RenderConfig::default();
+        let layers = Heat::Layers.of_pixels(&splats, &[look], &config, &[]).unwrap().unwrap();
+        let hidden = Heat::Hidden.of_pixels(&splats, &[look], &config, &[]).unwrap().unwrap();
+        assert_ne!(layers, hidden);
+        assert!(Heat::Error.of_pixels(&splats, &[look], &config, &[]).is_err());
+        let black = Picture::new([64, 64], vec![[0.0; 3]; 64 * 64]).unwrap();
+        let error = &Heat::Error.of_pixels(&splats, &[look], &config, &[black]).unwrap().unwrap()[0];
+        // A corner that nothing covers has no error; somewhere there is one.
+        assert_eq!(error.to_rgb8()[..3], ColourMap::Magma.colour(0.0));
+        assert!(error.to_rgb8().iter().any(|&c| c > 100));
+        assert!(Heat::Density.of_pixels(&splats, &[look], &config, &[]).unwrap().is_none());
+    }
+}

@@ -1,0 +1,187 @@
+//! What a frame costs, in counts that are the same on every device: draw calls, passes, dispatches, bytes, primitives,
+//! fragments. A change that makes frames slower shows here without a clock.
+#![allow(clippy::unwrap_used, reason = "a test may")]
+
+use glam::DVec3;
+use motes_renderer::{
+    Composite, Expansion, Fov, FrameReport, Offscreen, Packing, Precision, QuadShape, RadiusRule,
+    RenderConfig, SceneOnDevice, Stereo, Traffic, Upscale, View,
+};
+use motes_scenes::synthetic::Recipe;
+use motes_tests::TestGpu;
+
+const SPLATS: u32 = 600;
+const SIZE: [u32; 2] = [96, 80];
+
+fn view(x: f64) -> View {
+    let fov = Fov { left: -1.0, right: 1.0, up: -0.9, down: 0.9 };
+    View::look_at(DVec3::new(x, 0.2, -2.2), DVec3::new(x, 0.0, 0.0), DVec3::NEG_Y, fov, SIZE)
+}
+
+struct Bench {
+    scene: SceneOnDevice,
+    offscreen: Offscreen,
+    gpu: TestGpu,
+}
+
+impl Bench {
+    fn new(precision: Precision) -> Self {
+        let gpu = TestGpu::new();
+        let splats = Recipe { count: SPLATS as usize, sh_degree: 3, seed: 11, ..Default::default() }.still();
+        let packing = Packing::of_config(&RenderConfig { precision, ..Default::default() });
+        let scene = SceneOnDevice::new(&gpu, &splats, packing).unwrap();
+        let offscreen = Offscreen::new(&gpu).unwrap();
+        Self { scene, offscreen, gpu }
+    }
+
+    fn frame(&mut self, views: &[View], config: &RenderConfig) -> FrameReport {
+        self.offscreen.render(&self.scene, views, config).unwrap().1
+    }
+
+    /// Fragments of splats, counted one by one: statistics of some drivers leave out those that end early.
+    fn shaded(&mut self, config: &RenderConfig) -> f64 {
+        let (maps, _) = self.offscreen.layers(&self.scene, &[view(0.0)], config).unwrap();
+        maps[0].shaded.iter().map(|&l| f64::from(l)).sum()
+    }
+}
+
+fn every_layer() -> RenderConfig {
+    RenderConfig { composite: Composite::FrontToBack, ..Default::default() }
+}
+
+#[test]
+fn calls_and_passes_of_a_frame() {
+    let mut bench = Bench::new(Precision::F32);
+    let (one, two) = ([view(0.0)], [view(-0.03), view(0.03)]);
+    let mut calls = |views: &[View], config: &RenderConfig, stereo| {
+        bench.offscreen.set_stereo(stereo);
+        let r = bench.frame(views, config);
+        (r.draws, r.passes, r.dispatches)
+    };
+    let all = every_layer();
+    // All splats in one call, and the resolve. Three dispatches prepare: project, plan, emit.
+    assert_eq!(calls(&one, &all, Stereo::Multiview), (2, 1, 3));
+    let instanced = RenderConfig { expansion: Expansion::Instanced, ..all.clone() };
+    assert_eq!(calls(&one, &instanced, Stereo::Multiview), (2, 1, 0));
+    // Both eyes cost no further call in one pass, and all of it again in two.
+    assert_eq!(calls(&two, &all, Stereo::Multiview), (2, 1, 3));
+    assert_eq!(calls(&two, &all, Stereo::TwoPass), (4, 2, 3));
+    // Early stop: a call a batch, a mark between two, the resolve.
+    for batches in [2, 8] {
+        let stop = RenderConfig { batches, ..Default::default() };
+        assert_eq!(calls(&one, &stop, Stereo::Multiview), (2 * batches, 1, 3));
+    }
+    // A reduced resolution adds one pass with one call, which replaces the resolve.
+    for upscale in [Upscale::Bilinear, Upscale::Interleaved] {
+        let reduced = RenderConfig { resolution_scale: 0.5, upscale, ..all.clone() };
+        assert_eq!(calls(&one, &reduced, Stereo::Multiview), (2, 2, 3), "{upscale}");
+    }
+}
+
+#[test]
+fn an_order_is_brought_to_the_device_once() {
+    let mut bench = Bench::new(Precision::F32);
+    let (views, config) = ([view(0.0)], every_layer());
+    bench.offscreen.sort(&bench.scene, &views, &config);
+    let first = bench.offscreen.draw(&bench.scene, &views, &config).unwrap();
+    let second = bench.offscreen.draw(&bench.scene, &views, &config).unwrap();
+    // What the shaders know of a frame is small, and comes with each.
+    assert!(second.uploaded_bytes > 0 && second.uploaded_bytes <= 512, "{}", second.uploaded_bytes);
+    assert_eq!(first.uploaded_bytes, second.uploaded_bytes + 4 * u64::from(SPLATS));
+    bench.offscreen.sort(&bench.scene, &views, &config);
+    let third = bench.offscreen.draw(&bench.scene, &views, &config).unwrap();
+    assert_eq!(third.uploaded_bytes, first.uploaded_bytes);
+}
+
+#[test]
+fn bytes_of_a_frame() {
+    let mut full = Bench::new(Precision::F32);
+    let config = every_layer();
+    let report = full.frame(&[view(0.0)], &config);
+    let traffic = Traffic::of(&full.scene, &config, &report);
+    let pixels = u64::from(SIZE[0] * SIZE[1]);
+    // 14 words of geometry, 45 of spherical harmonics, one of the order.
+    assert_eq!(traffic.scene, u64::from(SPLATS) * 4 * (14 + 45 + 1));
+    assert_eq!(traffic.records, 2 * 4 * 8 * u64::from(report.visible));
+    assert_eq!(traffic.image, 4 * pixels);
+    assert_eq!(traffic.blended, 8 * (2 * report.fragments + pixels));
+    assert!(report.visible > SPLATS / 2 && report.visible <= SPLATS);
+    // Without spherical harmonics they are not read.
+    let plain = RenderConfig { sh_degree: 0, ..config.clone() };
+    assert_eq!(Traffic::of(&full.scene, &plain, &report).scene, u64::from(SPLATS) * 4 * (14 + 1));
+    let bytes = full.scene.bytes();
+    drop(full);
+    let half = Bench::new(Precision::F16);
+    assert_eq!(bytes - half.scene.bytes(), u64::from(SPLATS) * 4 * (14 - 8));
+    let Bench { scene, offscreen, gpu } = half;
+    let used = gpu.allocated_bytes();
+    let bytes = scene.bytes();
+    drop(scene);
+    assert!(used - gpu.allocated_bytes() >= bytes);
+    drop(offscreen);
+}
+
+#[test]
+fn primitives_of_a_frame() {
+    let mut bench = Bench::new(Precision::F32);
+    let views = [view(0.0)];
+    for (shape, triangles) in [(QuadShape::Octagon, 6), (QuadShape::Square, 2), (QuadShape::Diamond, 2)] {
+        let mut primitives = |expansion| {
+            let config = RenderConfig { shape, expansion, ..every_layer() };
+            let report = bench.frame(&views, &config);
+            (report.primitives, u64::from(report.visible))
+        };
+        let (found, visible) = primitives(Expansion::Precomputed);
+        // What is seen and no more, but for what clipping cuts in two; the last instance's unused quads collapse before
+        // they are counted.
+        assert!(found * 50 <= 51 * triangles * visible, "{shape}: {found} primitives for {visible} splats");
+        assert!(found * 10 >= 9 * triangles * visible, "{shape}: {found} primitives for {visible} splats");
+        // Control: the instanced stage sends every splat down.
+        let (all, _) = primitives(Expansion::Instanced);
+        let most = triangles * u64::from(SPLATS.next_multiple_of(256));
+        assert!(all >= found && all * 50 <= 51 * most, "{shape}: {all}");
+    }
+}
+
+#[test]
+fn fragments_of_a_frame() {
+    let mut bench = Bench::new(Precision::F32);
+    let square = bench.shaded(&RenderConfig { shape: QuadShape::Square, ..every_layer() });
+    let octagon = bench.shaded(&every_layer());
+    let diamond = bench.shaded(&RenderConfig { shape: QuadShape::Diamond, ..every_layer() });
+    println!("square {square}, octagon {octagon}, diamond {diamond}");
+    // By geometry: 8 (√2 − 1) / 4 and a half. Polygons that the image's rim cuts, and small ones, deviate.
+    assert!((octagon / square - 0.828).abs() < 0.03, "{}", octagon / square);
+    assert!((diamond / square - 0.5).abs() < 0.03, "{}", diamond / square);
+    // The budget of this scene at the default: pixels whose centres its polygons cover, whoever rasterises them.
+    assert!((octagon / BUDGET - 1.0).abs() < 0.01, "{octagon} fragments, the budget is {BUDGET}");
+    // Controls: a longer reach, or none of the opacity's, breaks the budget.
+    for radius in [RadiusRule::Full, RadiusRule::Sqrt8] {
+        let more = bench.shaded(&RenderConfig { radius, ..every_layer() });
+        assert!(more > 1.01 * BUDGET, "{radius}: {more}");
+    }
+    // Half the side, a quarter of the fragments.
+    let reduced = RenderConfig { resolution_scale: 0.5, upscale: Upscale::Bilinear, ..every_layer() };
+    let quarter = bench.shaded(&reduced);
+    assert!((quarter / octagon - 0.25).abs() < 0.02, "{}", quarter / octagon);
+}
+
+/// Fragments of splats that the default draws of the scene above without early stop.
+const BUDGET: f64 = 22_920.0;
+
+#[test]
+fn early_stop_shades_less_the_earlier_it_stops() {
+    let mut bench = Bench::new(Precision::F32);
+    let all = bench.shaded(&every_layer());
+    let mut last = all;
+    for stop_below in [1.0 / 255.0, 0.05, 0.3] {
+        let fragments = bench.shaded(&RenderConfig { stop_below, ..Default::default() });
+        println!("stop below {stop_below}: {fragments} of {all}");
+        assert!(fragments < last, "{stop_below}: {fragments}, before {last}");
+        last = fragments;
+    }
+    assert!(last < 0.9 * all, "{last} of {all}");
+    // Control: a threshold of nothing stops nothing.
+    let none = bench.shaded(&RenderConfig { stop_below: 0.0, ..Default::default() });
+    assert_eq!(none, all);
+}
