@@ -63,7 +63,7 @@ impl Renderer {
                 .buffer_info(infos)
         };
         let storage = vk::DescriptorType::STORAGE_BUFFER;
-        let [blocks, flags, offsets, plan, visible] = &singles;
+        let [blocks, footprints, offsets, plan, visible, depths] = &singles;
         // Arrays: a frame allocates nothing.
         let writes = [
             write(0, 0, vk::DescriptorType::UNIFORM_BUFFER, &uniform[..]),
@@ -73,10 +73,11 @@ impl Renderer {
             write(2, 0, storage, &order),
             write(2, 1, storage, &records),
             write(2, 2, storage, blocks),
-            write(2, 3, storage, flags),
+            write(2, 3, storage, footprints),
             write(2, 4, storage, offsets),
             write(2, 5, storage, plan),
             write(2, 6, storage, visible),
+            write(2, 7, storage, depths),
         ];
         // SAFETY: sets and buffers are alive and not in use by the device.
         unsafe { self.gpu.device().update_descriptor_sets(&writes, &[]) };
