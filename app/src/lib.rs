@@ -8,5 +8,6 @@ pub mod opened;
 pub mod painter;
 pub mod panel;
 pub mod prediction;
+pub mod sequence;
 pub mod time;
 pub mod viewer;

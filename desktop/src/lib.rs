@@ -7,4 +7,5 @@ pub mod error;
 pub mod measure;
 pub mod shots;
 pub mod studio;
+pub mod video;
 pub mod window;
