@@ -1,7 +1,7 @@
 //! Pictures of successive times: one file each, or one animated PNG.
 
 use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
 use motes_app::opened::Opened;

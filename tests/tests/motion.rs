@@ -20,12 +20,12 @@ fn packed(precision: Precision) -> Packing {
 
 fn view() -> View {
     let fov = Fov { left: -0.9, right: 1.1, up: -0.8, down: 0.8 };
-    View::look_at(DVec3::new(0.3, 0.2, -2.6), DVec3::ZERO, DVec3::NEG_Y, fov, [80, 64])
+    View::look_at(DVec3::new(0.3, 0.2, -2.6), DVec3::ZERO, DVec3::NEG_Y, fov, [64, 48])
 }
 
 fn scene(fleeting: f32, width: f32) -> Splats {
     let animation = Animation { fleeting, width, ..Default::default() };
-    Recipe { count: 800, sh_degree: 1, seed: 21, ..Default::default() }.moving(&animation)
+    Recipe { count: 500, sh_degree: 1, seed: 21, ..Default::default() }.moving(&animation)
 }
 
 fn every_layer(time: f32) -> RenderConfig {
@@ -54,7 +54,7 @@ fn every_expansion_and_projection_moves_as_the_reference_does() {
     for (precision, least) in [(Precision::F32, 55.0), (Precision::F16, 50.0)] {
         let on_device = SceneOnDevice::new(&gpu, &splats, packed(precision)).unwrap();
         for &projection in Projection::ALL {
-            for time in [0.0, 0.37, 1.0] {
+            for time in [0.37, 1.0] {
                 let mut config = RenderConfig { projection, ..every_layer(time) };
                 let expected = truth(&splats, &view, &config);
                 let later = truth(&splats, &view, &RenderConfig { time: time + 0.02, ..config.clone() });
@@ -84,8 +84,8 @@ fn leaving_out_what_is_gone_changes_nothing() {
         let on_device = SceneOnDevice::new(&gpu, &splats, packed(precision)).unwrap();
         let index = on_device.positions.alive().unwrap();
         for sorter in [Sorter::Cpu, Sorter::Gpu] {
-            for step in 0..12 {
-                let time = -0.05 + 0.1 * step as f32;
+            for step in 0..6 {
+                let time = -0.05 + 0.2 * step as f32;
                 assert!(index.at(time).len() < splats.len() / 3);
                 let config = RenderConfig { sorter, ..every_layer(time) };
                 let (few, report) = offscreen.render(&on_device, &[view], &config).unwrap();
@@ -137,12 +137,13 @@ fn times_outside_show_what_reaches_there_and_no_time_is_refused() {
 fn dirty_scenes_play_from_end_to_end() {
     let gpu = TestGpu::new();
     let mut offscreen = Offscreen::new(&gpu).unwrap();
-    for (file, dropped) in [("4d/yellow_clip3.splatv", 146), ("4d/coffee10.splatv", 24)] {
+    // Values that are none, and splats that are never visible.
+    for (file, dropped) in [("4d/yellow_clip3.splatv", 146 + 20_314), ("4d/coffee10.splatv", 24 + 11_307)] {
         let scene = load(&sample(file), &LoadOptions::default()).unwrap();
         assert_eq!(scene.report.dropped.values().sum::<usize>(), dropped, "{file}");
         let view = Framing::of(&scene.splats, &Settings::default()).view(0.4, 0.1, 1.0, [96, 72]);
         let on_device = SceneOnDevice::new(&gpu, &scene.splats, packed(Precision::F32)).unwrap();
-        for time in [-0.5, 0.0, 0.5, 1.0, 1.5] {
+        for time in [-0.5, 0.5, 1.5] {
             let config = every_layer(time);
             let (picture, _) = offscreen.render(&on_device, &[view], &config).unwrap();
             let db = psnr(&colours(&picture[0]), &truth(&scene.splats, &view, &config));

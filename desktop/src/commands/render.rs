@@ -93,7 +93,8 @@ pub fn run(args: &RenderArgs) -> Result<(), CommandError> {
         if let Some(gpu) = &gpu
             && studio.as_ref().is_none_or(|(shown, _)| !Arc::ptr_eq(shown, &splats))
         {
-            studio = None;
+            // The one before goes first: two need not fit.
+            drop(studio.take());
             studio = Some((splats.clone(), Studio::new(gpu, &splats, &config)?));
         }
         let (pictures, report) = match &mut studio {

@@ -105,8 +105,12 @@ pub(super) fn frame_data(
     data.sort_center = (midpoint(views) - scene.origin).as_vec3().extend(0.0).to_array();
     data.cull = [config.near, config.near_fade, config.min_opacity, config.min_contribution];
     data.filters = [0.3, config.max_radius * width.max(height), config.stop_below, config.time];
-    data.counts =
-        [ordered, if early_stop { config.batches.min(MAX_BATCHES as u32) } else { 1 }, corners(config), 0];
+    data.counts = [
+        ordered,
+        if early_stop { config.batches.min(MAX_BATCHES as u32) } else { 1 },
+        corners(config),
+        sample | u32::from(config.order == OrderKey::Depth) << 31,
+    ];
     data.sampling = [resolution.pitch, resolution.step, past as u32, reduction.history_share.to_bits()];
     let [shown_width, shown_height] = resolution.shown.map(|s| s as f32);
     // One slope for both eyes: that of the wider pixels.
