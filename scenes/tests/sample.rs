@@ -73,7 +73,8 @@ fn the_moving_sample_moves_and_is_written_and_read() {
     assert_eq!(moving.len(), still.len());
     let fleeting = motion.widths.iter().filter(|w| **w < 1.0).count() as f64 / moving.len() as f64;
     assert!((0.19..0.21).contains(&fleeting), "{fleeting}");
-    let fastest = motion.polynomials.iter().map(|p| p[0].iter().map(|v| v * v).sum::<f32>()).fold(0.0, f32::max);
+    let fastest =
+        motion.polynomials.iter().map(|p| p[0].iter().map(|v| v * v).sum::<f32>()).fold(0.0, f32::max);
     assert!(fastest.sqrt() > 0.1);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("moving.ply");

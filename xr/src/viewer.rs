@@ -2,8 +2,10 @@
 
 use crate::{Content, FirstView, FrameTime, Headset, Readback, SessionState, Step, XrError};
 use motes_app::headset::{Comfort, Eye, Input, Locomotion, Panel, PanelEvents, Placement, Pose};
+use motes_app::time::TimeControl;
 use motes_renderer::order::{OrderRequest, SortWorker};
 use motes_renderer::{DrawRequest, FrameReport, Picture, RenderConfig, Renderer, Stereo, View};
+use std::time::Duration;
 
 /// What the last drawn frame showed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,6 +38,10 @@ pub struct Viewer {
     pub config: RenderConfig,
     /// Comfort options.
     pub comfort: Comfort,
+    /// The time of a moving scene; without it `config.time` stands still.
+    pub playback: Option<TimeControl>,
+    /// The order that was asked for last.
+    requested: Option<OrderRequest>,
     head: Pose,
     last_time: Option<i64>,
     events: PanelEvents,
@@ -58,6 +64,8 @@ impl Viewer {
             panel: Panel::default(),
             config,
             comfort,
+            playback: None,
+            requested: None,
             head: Pose::default(),
             last_time: None,
             events: PanelEvents::default(),
@@ -76,6 +84,7 @@ impl Viewer {
         self.renderer.gpu().wait_idle()?;
         let sorter = SortWorker::new(content.scene.positions.clone()).map_err(XrError::Thread)?;
         self.shown = Some(Shown { content, sorter });
+        self.requested = None;
         self.locomotion = None;
         Ok(())
     }
@@ -178,9 +187,17 @@ impl Viewer {
         let mut config = self.config.clone();
         config.near *= units;
         config.near_fade *= units;
+        if let Some(playback) = &mut self.playback {
+            let since = self.last.as_ref().map_or(0, |last| frame.display_time - last.time.display_time);
+            config.time = playback.advance(Duration::from_nanos(since.max(0) as u64));
+        }
         sorter.set_interval(config.sort_interval);
         let wanted = OrderRequest::new(&views, &config);
-        let newest = sorter.newest().0.made_for.unwrap_or(wanted);
+        let mut newest = sorter.newest().0.made_for.unwrap_or(wanted);
+        // While the scene moves, no order is older than the one that was asked for in the frame before.
+        if let (Some(requested), true) = (self.requested, content.scene.moving && config.sort_interval == 1) {
+            newest = requested;
+        }
         let used = headset.order(newest)?;
         let order = sorter.wait_for(used);
         let target = headset.target()?;
@@ -202,7 +219,12 @@ impl Viewer {
         headset.end(frame, Some(&eyes))?;
         // The next order is made while the device blends this frame.
         if let Some(Shown { sorter, .. }) = &mut self.shown {
-            sorter.request(wanted);
+            // For the time that it will be then.
+            let next = Duration::from_nanos(frame.period.max(0) as u64);
+            let time = self.playback.as_ref().map_or(wanted.time, |p| p.predict(next));
+            let request = OrderRequest { time, ..wanted };
+            sorter.request(request);
+            self.requested = Some(request);
         }
         self.frames += 1;
         self.last = Some(LastFrame { time: *frame, eyes, views, wanted, used });
