@@ -9,5 +9,6 @@ pub mod painter;
 pub mod panel;
 pub mod prediction;
 pub mod quality;
+pub mod sequence;
 pub mod time;
 pub mod viewer;

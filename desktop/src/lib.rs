@@ -8,4 +8,5 @@ pub mod heat;
 pub mod measure;
 pub mod shots;
 pub mod studio;
+pub mod video;
 pub mod window;

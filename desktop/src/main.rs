@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use motes_desktop::commands::{bench, compare, golden, info, render, view, xr};
+use motes_desktop::commands::{animate, bench, compare, golden, info, render, view, xr};
 
 /// Viewer for 3-D and 4-D Gaussian splatting scenes.
 #[derive(Parser)]
@@ -19,6 +19,7 @@ struct Cli {
 enum Command {
     Info(info::InfoArgs),
     Render(render::RenderArgs),
+    Animate(animate::AnimateArgs),
     Compare(compare::CompareArgs),
     Bench(bench::BenchArgs),
     Golden(golden::GoldenArgs),
@@ -34,6 +35,7 @@ fn main() -> ExitCode {
         None => view::run(&view).map_err(|e| e.to_string()),
         Some(Command::Info(args)) => info::run(&args).map_err(|e| e.to_string()),
         Some(Command::Render(args)) => render::run(&args).map_err(|e| e.to_string()),
+        Some(Command::Animate(args)) => animate::run(&args).map_err(|e| e.to_string()),
         Some(Command::Compare(args)) => compare::run(&args).map_err(|e| e.to_string()),
         Some(Command::Bench(args)) => bench::run(&args).map_err(|e| e.to_string()),
         Some(Command::Golden(args)) => golden::run(&args).map_err(|e| e.to_string()),

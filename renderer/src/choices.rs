@@ -153,6 +153,7 @@ pub const CHOICES: &[Choice] = &[
     choice!(sorter: Sorter, "Who sorts"),
     choice!(sort_per_eye, "sort-per-eye", Kind::Switch, "An own order for each eye"),
     choice!(sort_interval, "sort-interval", Kind::Whole(1, 60), "A new order every n-th frame"),
+    choice!(samples, "samples", Kind::Whole(1, 4096), "Stochastic: frames that a picture is averaged from"),
     choice!(time_cull: TimeCull, "Which splats of a moving scene a frame looks at"),
     choice!(composite: Composite, "In which direction splats are blended"),
     choice!(batches, "batches", Kind::Whole(2, 32), "Early stop: batches per frame"),

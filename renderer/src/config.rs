@@ -263,6 +263,8 @@ pub struct RenderConfig {
     pub sort_per_eye: bool,
     /// A new order every n-th frame (1: always the newest).
     pub sort_interval: u32,
+    /// Stochastic: frames that a picture is averaged from, `1 ..= 4096`. What is drawn into a window is one of them.
+    pub samples: u32,
     /// Which splats of a moving scene a frame looks at.
     pub time_cull: TimeCull,
     /// The direction of blending.
@@ -313,6 +315,7 @@ impl Default for RenderConfig {
             sorter: Sorter::Cpu,
             sort_per_eye: false,
             sort_interval: 1,
+            samples: 16,
             time_cull: TimeCull::Index,
             composite: Composite::EarlyStop,
             batches: 16,
@@ -381,6 +384,12 @@ impl RenderConfig {
         if self.sort_interval == 0 {
             return refuse("sort-interval is a number of frames from 1, not 0".into());
         }
+        if !(1..=4096).contains(&self.samples) {
+            return refuse(format!("samples must be 1 to 4096, not {}", self.samples));
+        }
+        if self.sorter == Sorter::Stochastic {
+            self.check_stochastic()?;
+        }
         if !(0.0..=3.0).contains(&f32::from(self.sh_degree)) {
             return refuse(format!("sh-degree must be 0 to 3, not {}", self.sh_degree));
         }
@@ -415,6 +424,22 @@ impl RenderConfig {
             return refuse("time and background must be finite".into());
         }
         Ok(())
+    }
+
+    fn check_stochastic(&self) -> Result<(), ConfigError> {
+        let reason = if self.composite != Composite::FrontToBack {
+            "every fragment is opaque or absent, so nothing is blended in a direction and no transmittance falls; choose \
+             composite front-to-back"
+        } else if self.expansion != Expansion::Precomputed {
+            "which splat a fragment belongs to is known to the precomputed expansion only"
+        } else if self.sort_per_eye || self.sort_interval != 1 || self.key_bits != KeyBits::B32 {
+            "nothing is sorted, so sort-per-eye, sort-interval and key-bits have no meaning"
+        } else if self.resolution_scale < 1.0 || self.sharpen > 0.0 {
+            "noise has to be averaged before it may be enlarged or sharpened; choose resolution-scale 1 and sharpen 0"
+        } else {
+            return Ok(());
+        };
+        Err(ConfigError(format!("sort stochastic: {reason}")))
     }
 
     /// The trainers' semantics (INRIA): affine, depth order, near plane 0.2 without a fade, every layer, tiles.

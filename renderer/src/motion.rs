@@ -35,6 +35,25 @@ pub fn moment(splats: &Splats, i: usize, t: f64) -> Option<Moment> {
     Some(Moment { mean, rotation: rotation * length.recip(), opacity })
 }
 
+/// A moving scene as it stands at a time: a still one, without the splats that are gone then (below 1/255 of opacity).
+pub fn frozen(splats: &Splats, t: f64) -> Splats {
+    let mut still = splats.clone();
+    still.motion = None;
+    let mut alive = vec![false; splats.len()];
+    for (i, alive) in alive.iter_mut().enumerate() {
+        if let Some(m) = moment(splats, i, t)
+            && m.opacity >= 1.0 / 255.0
+        {
+            *alive = true;
+            still.means[i] = m.mean.as_vec3().to_array();
+            still.rotations[i] = m.rotation.as_quat().to_array();
+            still.opacities[i] = m.opacity as f32;
+        }
+    }
+    still.retain(|i| alive[i]);
+    still
+}
+
 fn vector(v: [f32; 3]) -> DVec3 {
     DVec3::from_array(v.map(f64::from))
 }
@@ -75,6 +94,57 @@ mod tests {
         // Control: at its own centre it is as stored.
         let m = moment(&moving(), 0, 0.25).unwrap();
         assert_eq!((m.mean, m.rotation, m.opacity), (DVec3::new(1.0, 2.0, 3.0), DQuat::IDENTITY, 0.5));
+    }
+
+    /// Against the same formulas written out anew, in another order of operations.
+    #[test]
+    fn a_thousand_splats_follow_the_formulas() {
+        use motes_scenes::synthetic::{Animation, Random, Recipe};
+        let animation = Animation { fleeting: 1.0, width: 0.3, ..Animation::default() };
+        let scene = Recipe { count: 1000, ..Recipe::default() }.moving(&animation);
+        let motion = scene.motion.as_ref().unwrap();
+        let mut random = Random::new(9);
+        let (mut worst, mut wrong) = (0.0f64, 0.0f64);
+        for i in 0..scene.len() {
+            let t = f64::from(random.uniform(-0.2, 1.2));
+            let m = moment(&scene, i, t).unwrap();
+            let dt = t - f64::from(motion.centers[i]);
+            for k in 0..3 {
+                let terms = [
+                    f64::from(scene.means[i][k]),
+                    f64::from(motion.polynomials[i][0][k]) * dt,
+                    f64::from(motion.polynomials[i][1][k]) * dt.powi(2),
+                    f64::from(motion.polynomials[i][2][k]) * dt.powi(3),
+                ];
+                let scale: f64 = terms.iter().map(|v| v.abs()).sum();
+                worst = worst.max((m.mean[k] - terms.iter().sum::<f64>()).abs() / scale);
+            }
+            let q: Vec<f64> = (0..4)
+                .map(|k| f64::from(scene.rotations[i][k]) + dt * f64::from(motion.omegas[i][k]))
+                .collect();
+            let length = q.iter().map(|v| v.powi(2)).sum::<f64>().sqrt();
+            for k in 0..4 {
+                worst = worst.max((m.rotation.to_array()[k] - q[k] / length).abs());
+                wrong = wrong.max((m.rotation.to_array()[k] - f64::from(scene.rotations[i][k])).abs());
+            }
+            let width = f64::from(motion.widths[i]);
+            let opacity = f64::from(scene.opacities[i]) / (dt * dt / (width * width)).exp();
+            worst = worst.max((m.opacity / opacity - 1.0).abs());
+        }
+        println!("worst relative error {worst:.1e}");
+        assert!(worst < 1e-13, "{worst:e}");
+        // Control: a rotation that does not change is another.
+        assert!(wrong > 0.1);
+    }
+
+    #[test]
+    fn a_frozen_scene_is_the_moving_one_at_its_time() {
+        let scene = moving();
+        let still = frozen(&scene, 0.75);
+        let (a, b) = (moment(&still, 0, 0.0).unwrap(), moment(&scene, 0, 0.75).unwrap());
+        assert!((a.mean - b.mean).length() < 1e-6 && (a.opacity - b.opacity).abs() < 1e-6);
+        assert!(a.rotation.dot(b.rotation) > 1.0 - 1e-6);
+        assert!(frozen(&scene, 2.0).is_empty(), "long gone");
     }
 
     #[test]

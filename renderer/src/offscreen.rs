@@ -154,11 +154,43 @@ impl Offscreen {
         self.picture(scene, views, config)
     }
 
-    /// As [`Offscreen::render`], in the order of the last [`Offscreen::sort`].
+    /// As [`Offscreen::render`], in the order of the last [`Offscreen::sort`]. Stochastic transparency is averaged over
+    /// [`RenderConfig::samples`] frames; the report is the last one's.
     ///
     /// # Errors
     /// The driver's, or a choice that the device does not allow.
     pub fn picture(
+        &mut self,
+        scene: &SceneOnDevice,
+        views: &[View],
+        config: &RenderConfig,
+    ) -> Result<(Vec<Picture>, FrameReport), GpuError> {
+        if config.sorter != Sorter::Stochastic {
+            return self.one_picture(scene, views, config);
+        }
+        let mut sums: Vec<Vec<[u32; 4]>> = Vec::new();
+        let mut size = [0, 0];
+        let mut report = FrameReport::default();
+        for sample in 0..config.samples {
+            self.renderer.set_sample(sample);
+            let (pictures, of_sample) = self.one_picture(scene, views, config)?;
+            report = of_sample;
+            sums.resize_with(pictures.len(), Vec::new);
+            for (sums, picture) in sums.iter_mut().zip(&pictures) {
+                size = picture.size;
+                sums.resize(picture.pixels.len(), [0; 4]);
+                for (sum, pixel) in sums.iter_mut().zip(&picture.pixels) {
+                    *sum = std::array::from_fn(|c| sum[c] + u32::from(pixel[c]));
+                }
+            }
+        }
+        let n = config.samples.max(1);
+        let mean = |sum: &[u32; 4]| sum.map(|v| ((v + n / 2) / n) as u8);
+        let pictures = sums.iter().map(|s| Picture { size, pixels: s.iter().map(mean).collect() }).collect();
+        Ok((pictures, report))
+    }
+
+    fn one_picture(
         &mut self,
         scene: &SceneOnDevice,
         views: &[View],

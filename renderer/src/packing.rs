@@ -286,6 +286,44 @@ mod tests {
         assert!((r[0] - 0.1).abs() > 1e-3);
     }
 
+    /// Half-float coefficients put a splat at most `2⁻¹¹` of the way that it goes beside its place.
+    #[test]
+    fn half_float_motion_stays_within_its_bound() {
+        use motes_scenes::synthetic::{Animation, Recipe};
+        let animation = Animation { travel: [3.0, 0.5, -1.0], fleeting: 1.0, ..Animation::default() };
+        let scene = Recipe { count: 2000, ..Recipe::default() }.moving(&animation);
+        let packing = Packing { precision: Precision::F16, sh_precision: ShPrecision::F32, sh_degree: 0 };
+        let per_splat = packing.motion_words();
+        assert_eq!(per_splat, 8);
+        let mut words = vec![0; per_splat * scene.len()];
+        packing.motion(&scene, 0, &mut words);
+        let motion = scene.motion.as_ref().unwrap();
+        let (mut worst, mut metres, mut of_swapped) = (0.0f64, 0.0f64, 0.0f64);
+        for (i, words) in words.chunks_exact(per_splat).enumerate() {
+            let half = |k: usize| f16::from_bits((words[1 + k / 2] >> (16 * (k % 2))) as u16).to_f64();
+            assert_eq!(f32::from_bits(words[0]), motion.centers[i]);
+            assert!((half(0) * f64::from(motion.widths[i]) - 1.0).abs() < 5e-4);
+            let p = motion.polynomials[i].as_flattened();
+            for dt in [-0.3f64, 0.1, 0.5, 1.0] {
+                for axis in 0..3 {
+                    let path = |value: &dyn Fn(usize) -> f64| {
+                        (0..3).map(|d| value(3 * d + axis) * dt.powi(d as i32 + 1)).sum::<f64>()
+                    };
+                    let way: f64 =
+                        (0..3).map(|d| f64::from(p[3 * d + axis]).abs() * dt.abs().powi(d as i32 + 1)).sum();
+                    let error = (path(&|k| half(1 + k)) - path(&|k| f64::from(p[k]))).abs();
+                    worst = worst.max((error - 1e-7) / way);
+                    metres = metres.max(error);
+                    of_swapped =
+                        of_swapped.max((path(&|k| half(k)) - path(&|k| f64::from(p[k]))).abs() / way);
+                }
+            }
+        }
+        println!("half-float motion: {worst:.2e} of the way, at most {:.2} mm", metres * 1e3);
+        assert!(worst <= 1.0 / 2048.0, "{worst:e}");
+        assert!(of_swapped > 0.1, "coefficients in each other's places must be told apart");
+    }
+
     #[test]
     fn log_scales_survive_packing() {
         for i in 0..=3500 {

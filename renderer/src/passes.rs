@@ -26,6 +26,19 @@ pub(crate) struct PassKey {
     pub early_stop: bool,
     /// Whether layers are counted into a further attachment.
     pub count: bool,
+    /// Whether splats are opaque or absent, and a depth attachment finds the nearest.
+    pub stochastic: bool,
+}
+
+impl PassKey {
+    /// Format of the depth attachment: the marks of early stop, or distances.
+    pub fn depth_format(self) -> Option<vk::Format> {
+        match (self.stochastic, self.early_stop) {
+            (true, _) => Some(DISTANCE_FORMAT),
+            (false, true) => Some(MARK_FORMAT),
+            (false, false) => None,
+        }
+    }
 }
 
 /// The splats' pipelines differ by who makes the corners.
@@ -61,6 +74,9 @@ enum PipelineKey {
 
 /// Format of the marks of early stop.
 pub(crate) const MARK_FORMAT: vk::Format = vk::Format::D16_UNORM;
+
+/// Format of the distances of stochastic transparency.
+pub(crate) const DISTANCE_FORMAT: vk::Format = vk::Format::D32_SFLOAT;
 
 /// Format of the layer counts: shaded, and of those the ones that reach 1/255. Whole numbers are exact up to 2048.
 pub(crate) const COUNT_FORMAT: vk::Format = vk::Format::R16G16_SFLOAT;
@@ -203,9 +219,9 @@ impl Passes {
             attachments.push(stored(transient(format, layout, vk::AttachmentLoadOp::DONT_CARE)));
         }
         let marks_at = attachments.len() as u32;
-        if key.early_stop {
+        if let Some(format) = key.depth_format() {
             attachments.push(transient(
-                MARK_FORMAT,
+                format,
                 vk::ImageLayout::DEPTH_STENCIL_ATTACHMENT_OPTIMAL,
                 vk::AttachmentLoadOp::CLEAR,
             ));
@@ -234,8 +250,11 @@ impl Passes {
         let mut splats = vk::SubpassDescription::default()
             .pipeline_bind_point(vk::PipelineBindPoint::GRAPHICS)
             .color_attachments(&drawn[..if key.count { 2 } else { 1 }]);
+        if key.depth_format().is_some() {
+            splats = splats.depth_stencil_attachment(&marks);
+        }
         if key.early_stop {
-            splats = splats.input_attachments(&blended).depth_stencil_attachment(&marks);
+            splats = splats.input_attachments(&blended);
         }
         let resolve = vk::SubpassDescription::default()
             .pipeline_bind_point(vk::PipelineBindPoint::GRAPHICS)
@@ -414,7 +433,16 @@ impl Passes {
             (Stages::Instanced, true, true) => modules::INSTANCED_VERT_EXACT_MULTIVIEW,
             (Stages::Geometry, ..) => modules::POINT_VERT,
         };
+        let vertex = match (pass.stochastic, exact, multiview) {
+            (false, ..) => vertex,
+            (true, false, false) => modules::SPLAT_VERT_STOCHASTIC,
+            (true, true, false) => modules::SPLAT_VERT_EXACT_STOCHASTIC,
+            (true, false, true) => modules::SPLAT_VERT_MULTIVIEW_STOCHASTIC,
+            (true, true, true) => modules::SPLAT_VERT_EXACT_MULTIVIEW_STOCHASTIC,
+        };
         let fragment = match (exact, pass.count) {
+            (false, _) if pass.stochastic => modules::SPLAT_FRAG_STOCHASTIC,
+            (true, _) if pass.stochastic => modules::SPLAT_FRAG_EXACT_STOCHASTIC,
             (false, false) => modules::SPLAT_FRAG,
             (true, false) => modules::SPLAT_FRAG_EXACT,
             (false, true) => modules::SPLAT_FRAG_COUNT,
@@ -446,8 +474,9 @@ impl Passes {
         } else {
             (vk::BlendFactor::ONE_MINUS_DST_ALPHA, vk::BlendFactor::ONE)
         };
+        // Stochastic splats are opaque.
         let blend = vk::PipelineColorBlendAttachmentState::default()
-            .blend_enable(true)
+            .blend_enable(!pass.stochastic)
             .src_color_blend_factor(source)
             .dst_color_blend_factor(destination)
             .color_blend_op(vk::BlendOp::ADD)
@@ -460,11 +489,12 @@ impl Passes {
         } else {
             vk::PrimitiveTopology::TRIANGLE_LIST
         };
-        // Splats lie at depth ½ everywhere; a mark (0) stops them.
+        // Splats lie at depth ½ everywhere, and a mark (0) stops them; stochastic ones at their distance, nearer is greater.
+        let nearer = if pass.stochastic { vk::CompareOp::GREATER } else { vk::CompareOp::LESS };
         let depth = vk::PipelineDepthStencilStateCreateInfo::default()
-            .depth_test_enable(pass.early_stop)
-            .depth_write_enable(false)
-            .depth_compare_op(vk::CompareOp::LESS);
+            .depth_test_enable(pass.depth_format().is_some())
+            .depth_write_enable(pass.stochastic)
+            .depth_compare_op(nearer);
         let pipeline = self.graphics(pass, 0, &shader_stages, topology, &blend, &depth)?;
         self.pipelines.insert(key, pipeline);
         Ok(pipeline)

@@ -6,6 +6,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use crate::settings::{Axis, Orientation, Settings};
+use crate::synthetic::{Animation, animate};
 use crate::{LoadOptions, Scene, SceneError, load_bytes};
 
 /// What the sample is called in messages.
@@ -28,4 +29,22 @@ pub fn sample(options: &LoadOptions) -> Result<Scene, SceneError> {
 /// The sample's settings: y is down in it, whatever its format is meant for, and the pot stands at the lowest point.
 pub fn settings() -> Settings {
     Settings { orientation: Orientation::Up(Axis::MinusY), floor: Some(-0.5), ..Default::default() }
+}
+
+/// The sample in motion: it sways, and one splat in five comes and goes. Made from the still one, so it takes no space.
+///
+/// # Errors
+/// As [`sample`].
+pub fn moving(options: &LoadOptions) -> Result<Scene, SceneError> {
+    let mut scene = sample(options)?;
+    let sway = Animation {
+        turn: 0.5,
+        travel: [0.0; 3],
+        wave: 0.02,
+        wave_length: 0.5,
+        fleeting: 0.2,
+        ..Animation::default()
+    };
+    animate(&mut scene.splats, &sway, 1);
+    Ok(scene)
 }

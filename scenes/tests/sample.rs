@@ -64,3 +64,23 @@ fn the_sample_s_settings_put_the_pot_on_the_floor() {
     heights.sort_by(f64::total_cmp);
     assert!(heights[0].abs() < 1e-3 && heights[heights.len() - 1] > 0.9, "{} …", heights[0]);
 }
+
+#[test]
+fn the_moving_sample_moves_and_is_written_and_read() {
+    let still = sample::sample(&LoadOptions::default()).unwrap().splats;
+    let moving = sample::moving(&LoadOptions::default()).unwrap().splats;
+    let motion = moving.motion.as_ref().unwrap();
+    assert_eq!(moving.len(), still.len());
+    let fleeting = motion.widths.iter().filter(|w| **w < 1.0).count() as f64 / moving.len() as f64;
+    assert!((0.19..0.21).contains(&fleeting), "{fleeting}");
+    let fastest =
+        motion.polynomials.iter().map(|p| p[0].iter().map(|v| v * v).sum::<f32>()).fold(0.0, f32::max);
+    assert!(fastest.sqrt() > 0.1);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("moving.ply");
+    motes_scenes::save(&path, &moving).unwrap();
+    let read = load(&path, &LoadOptions::default()).unwrap().splats;
+    let read_motion = read.motion.as_ref().unwrap();
+    assert_eq!((&read.means, &read_motion.centers), (&moving.means, &motion.centers));
+    assert_eq!(read_motion.polynomials, motion.polynomials);
+}

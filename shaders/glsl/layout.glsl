@@ -49,6 +49,7 @@ const uint SH_PRECISION_F16 = 1;
 const uint SH_PRECISION_U8 = 2;
 const uint COMPOSITE_FRONT_TO_BACK = 0;
 const uint COMPOSITE_BACK_TO_FRONT = 1;
+const uint COMPOSITE_STOCHASTIC = 2;
 const uint SAMPLING_CENTERS = 0;
 const uint SAMPLING_INTERLEAVED = 1;
 const uint HISTORY_NONE = 0;
@@ -82,7 +83,7 @@ layout(set = 0, binding = 0, std140) uniform Frame {
     vec4 sort_center; // point from which the radial key is measured; scene axes, relative to the origin
     vec4 cull;        // near (m), near fade (m), least opacity, least contribution (px)
     vec4 filters;     // low-pass variance (px² of the rendered image), max radius (px), transmittance below which a pixel is opaque, time
-    uvec4 counts;     // splats, batches, corners, flags
+    uvec4 counts;     // splats, batches, corners, stochastic: sample and (uppermost bit) whether by depth
     uvec4 sampling;   // interleaved: pitch (16.16), step of the cycle, HISTORY_*, share of history in motion (float)
     vec4 shown;       // width, height of the shown image (px); a sample's largest offset (slope); rendered px per filtered px
     vec4 reprojection[6]; // three rows a view: from the shown image (0 .. 1, 0 .. 1, 1) to the one before

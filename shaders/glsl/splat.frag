@@ -4,7 +4,24 @@
 #define FRAGMENT
 #include "varyings.glsl"
 
+#ifdef STOCHASTIC
+// Stochastic transparency (Enderton et al. 2010): a splat is opaque in a pixel with the probability of its opacity, else
+// absent, and the depth test finds the first. Numbers are hashed from pixel, splat and sample (PCG; Jarzynski & Olano
+// 2020), so that no two of them go together.
+float chance(uvec2 pixel, uint splat, uint sample_index) {
+    uvec3 v = uvec3(pixel.x | (pixel.y << 16), splat, sample_index) * 1664525u + 1013904223u;
+    v.x += v.y * v.z;
+    v.y += v.z * v.x;
+    v.z += v.x * v.y;
+    v ^= v >> 16;
+    v.x += v.y * v.z;
+    v.y += v.z * v.x;
+    v.z += v.x * v.y;
+    return float(v.x >> 8) * (1.0 / 16777216.0);
+}
+#else
 layout(early_fragment_tests) in;
+#endif
 layout(location = 0) out vec4 blended;
 #ifdef COUNT
 // Layers of this pixel, added up: shaded, and of those the ones that reach 1/255.
@@ -32,7 +49,12 @@ void main() {
 #endif
     float alpha = min(MAX_ALPHA, color.a * exp2(-HALF_LOG2_E * d2));
     if (!(alpha >= MIN_ALPHA)) LEAVE
+#ifdef STOCHASTIC
+    if (!(chance(uvec2(gl_FragCoord.xy), splat, frame.counts.w & 0x7fffffffu) < alpha)) LEAVE
+    blended = vec4(color.rgb, 1.0);
+#else
     blended = vec4(color.rgb * alpha, alpha);
+#endif
 #ifdef COUNT
     layers = vec2(1.0);
 #endif

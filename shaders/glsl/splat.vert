@@ -30,6 +30,9 @@ void main() {
     linear = vec2(0.0);
     quadratic = vec3(0.0);
 #endif
+#ifdef STOCHASTIC
+    splat = 0u;
+#endif
     if (at >= plan.starts[push.batch + 1u]) return;
     uint view = view_index();
     uint word = visible[at] * record_words();
@@ -52,4 +55,15 @@ void main() {
     Corner c = splat_corner(uint(gl_VertexIndex) % corners, m, major, ratio, color.a, l, h, frame.views[view]);
     gl_Position = c.position;
     plane = c.plane;
+#ifdef STOCHASTIC
+    // Nobody has sorted: the list holds the splats themselves. All of a splat lies at its own distance, and nearer is
+    // greater, where floats are dense for what is far.
+    splat = visible[at];
+    vec3 mean = splat_mean(splat);
+    if (MOTION) mean = moved_mean(mean, splat, frame.filters.w);
+    vec3 d = mean - frame.sort_center.xyz;
+    bool by_depth = (frame.counts.w >> 31) != 0u;
+    float distance = by_depth ? max(0.0, dot(d, frame.views[0].rotation[2].xyz)) : length(d);
+    gl_Position.z = gl_Position.w / (1.0 + distance);
+#endif
 }

@@ -12,4 +12,7 @@ layout(location = 1) flat VARYING vec4 color;  // colour, opacity
 layout(location = 2) flat VARYING vec2 linear;
 layout(location = 3) flat VARYING vec3 quadratic;
 #endif
+#ifdef STOCHASTIC
+layout(location = 4) flat VARYING uint splat;  // its number in the scene
+#endif
 #endif

@@ -57,7 +57,7 @@ pub struct FrameData {
     pub cull: [f32; 4],
     /// Low-pass variance (px²), largest radius (px), transmittance below which a pixel is opaque, time.
     pub filters: [f32; 4],
-    /// Splats, batches, corners, flags.
+    /// Splats, batches, corners; stochastic: sample and (uppermost bit) whether by depth.
     pub counts: [u32; 4],
     /// Interleaved sampling: pitch (16.16 fixed point), step of the cycle, `HISTORY_*`, bits of the history's share in motion.
     pub sampling: [u32; 4],

@@ -294,3 +294,47 @@ fn an_order_serves_for_as_many_frames_as_chosen() {
     let config = RenderConfig { sort_interval: 0, ..Default::default() };
     assert!(config.check(1, &gpu.capabilities).is_err());
 }
+
+/// Nobody sorts: each sample shows one splat a pixel, and their mean is what the sorted splats show.
+#[test]
+fn stochastic_transparency_converges_to_the_sorted_picture() {
+    let gpu = TestGpu::new();
+    let mut offscreen = Offscreen::new(&gpu).unwrap();
+    let scene = SceneOnDevice::new(&gpu, &still(), PLAIN).unwrap();
+    let eyes = eyes();
+    let colours = |p: &Picture| p.pixels.iter().map(|p| [p[0], p[1], p[2]]).collect::<Vec<_>>();
+    for order in [OrderKey::Radial, OrderKey::Depth] {
+        let sorted = render(&mut offscreen, &scene, &eyes, &RenderConfig { order, ..every_layer() });
+        let mut found = Vec::new();
+        for samples in [16, 256] {
+            let config = RenderConfig { order, sorter: Sorter::Stochastic, samples, ..every_layer() };
+            let mean = render(&mut offscreen, &scene, &eyes, &config);
+            let db = [0, 1].map(|e| motes_tests::psnr(&colours(&mean[e]), &colours(&sorted[e])));
+            println!("{order}, {samples} samples: {db:.1?} dB");
+            found.push(db[0].min(db[1]));
+            let again = render(&mut offscreen, &scene, &eyes, &config);
+            assert!(mean == again, "equal samples make equal pictures");
+        }
+        // The error of a mean of n samples of at most 1 is at most ½ / √n: 30.1 dB of 256.
+        assert!(found[1] >= 30.1, "{order}: {found:.1?} dB");
+        // A mean that goes astray stops converging: 16 times the samples are worth 12 dB.
+        assert!(found[1] - found[0] > 10.0, "{order}: {found:.1?} dB");
+        // Control: the other eye's picture.
+        assert!(motes_tests::psnr(&colours(&sorted[0]), &colours(&sorted[1])) < found[0]);
+    }
+    let stochastic = RenderConfig { sorter: Sorter::Stochastic, ..every_layer() };
+    let refused = [
+        RenderConfig { composite: Composite::EarlyStop, ..stochastic.clone() },
+        RenderConfig { composite: Composite::BackToFront, ..stochastic.clone() },
+        RenderConfig { expansion: Expansion::Instanced, ..stochastic.clone() },
+        RenderConfig { sort_per_eye: true, ..stochastic.clone() },
+        RenderConfig { sort_interval: 2, ..stochastic.clone() },
+        RenderConfig { key_bits: KeyBits::B16, ..stochastic.clone() },
+        RenderConfig { resolution_scale: 0.7, ..stochastic.clone() },
+        RenderConfig { samples: 0, ..stochastic.clone() },
+    ];
+    for config in refused {
+        assert!(config.check(2, &gpu.capabilities).is_err(), "{config:?}");
+    }
+    assert!(offscreen.layers(&scene, &eyes[..1], &stochastic).is_err());
+}

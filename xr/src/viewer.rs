@@ -5,6 +5,7 @@ use crate::{
     Surface, XrError,
 };
 use motes_app::headset::{Comfort, Eye, Input, Locomotion, Panel, PanelEvents, Placement, Pose};
+use motes_app::time::TimeControl;
 use motes_renderer::order::{OrderRequest, SortWorker};
 use motes_renderer::{DrawRequest, FrameReport, Picture, RenderConfig, Renderer, Stereo, View};
 use std::time::{Duration, Instant};
@@ -89,6 +90,10 @@ pub struct Viewer {
     pub config: RenderConfig,
     /// Comfort options.
     pub comfort: Comfort,
+    /// The time of a moving scene; without it `config.time` stands still.
+    pub playback: Option<TimeControl>,
+    /// The order that was asked for last.
+    requested: Option<OrderRequest>,
     head: Pose,
     last_time: Option<i64>,
     events: PanelEvents,
@@ -113,6 +118,8 @@ impl Viewer {
             panel: Panel::default(),
             config,
             comfort,
+            playback: None,
+            requested: None,
             head: Pose::default(),
             last_time: None,
             events: PanelEvents::default(),
@@ -133,6 +140,7 @@ impl Viewer {
         self.renderer.gpu().wait_idle()?;
         let sorter = SortWorker::new(content.scene.positions.clone()).map_err(XrError::Thread)?;
         self.shown = Some(Shown { content, sorter });
+        self.requested = None;
         self.locomotion = None;
         Ok(())
     }
@@ -246,10 +254,18 @@ impl Viewer {
         let mut config = self.config.clone();
         config.near *= units;
         config.near_fade *= units;
+        if let Some(playback) = &mut self.playback {
+            let since = self.last.as_ref().map_or(0, |last| frame.display_time - last.time.display_time);
+            config.time = playback.advance(Duration::from_nanos(since.max(0) as u64));
+        }
         sorter.set_interval(config.sort_interval);
         let wanted = OrderRequest::new(&views, &config);
         times.locate = clock.lap();
-        let newest = sorter.newest().0.made_for.unwrap_or(wanted);
+        let mut newest = sorter.newest().0.made_for.unwrap_or(wanted);
+        // While the scene moves, no order is older than the one that was asked for in the frame before.
+        if let (Some(requested), true) = (self.requested, content.scene.moving && config.sort_interval == 1) {
+            newest = requested;
+        }
         let used = headset.order(newest)?;
         let order = sorter.wait_for(used);
         times.order = clock.lap();
@@ -273,7 +289,12 @@ impl Viewer {
         times.draw = clock.lap();
         headset.end(frame, Some(&eyes), quads)?;
         // The next order is made while the device blends this frame.
-        sorter.request(wanted);
+        // For the time that it will be then.
+        let next = Duration::from_nanos(frame.period.max(0) as u64);
+        let time = self.playback.as_ref().map_or(wanted.time, |p| p.predict(next));
+        let request = OrderRequest { time, ..wanted };
+        sorter.request(request);
+        self.requested = Some(request);
         times.end = clock.lap();
         self.times = times;
         self.frames += 1;

@@ -1,5 +1,6 @@
 //! What the `motes` command can do, one module per subcommand: each has its arguments and a `run`.
 
+pub mod animate;
 pub mod bench;
 pub mod compare;
 pub mod golden;

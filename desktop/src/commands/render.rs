@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 use motes_app::opened::Opened;
 use motes_app::viewer::{eyes, in_scene_units};
 use motes_renderer::{FrameReport, RenderConfig, View};
-use motes_scenes::LoadOptions;
+use motes_scenes::{LoadOptions, Splats};
+use std::sync::Arc;
 
 use crate::config_args::ConfigArgs;
 use crate::error::CommandError;
@@ -14,6 +15,7 @@ use crate::heat::Heat;
 use crate::measure::Picture;
 use crate::shots::{Shot, ShotArgs};
 use crate::studio::{DeviceArgs, Studio, no_complaints, reference_pictures, side_by_side};
+use crate::video::{Animation, Footage, VideoArgs, is_animated};
 
 /// Render pictures of a scene into PNG files
 #[derive(Clone, Debug, clap::Args)]
@@ -44,6 +46,8 @@ pub struct RenderArgs {
     #[command(flatten)]
     shots: ShotArgs,
     #[command(flatten)]
+    video: VideoArgs,
+    #[command(flatten)]
     config: ConfigArgs,
     #[command(flatten)]
     device: DeviceArgs,
@@ -66,60 +70,90 @@ pub fn run(args: &RenderArgs) -> Result<(), CommandError> {
         return Err(CommandError::Usage(format!("--ipd is a distance in metres, not {}", args.ipd)));
     }
     let options = LoadOptions { level: args.level, ..Default::default() };
-    let mut opened = Opened::load(&args.scenes, &options)?;
+    let frames = args.video.sequence(&args.scenes)?;
+    // A sequence stands as its first frame does.
+    let paths = frames.as_deref().map_or(args.scenes.as_slice(), |f| &f[..f.len().min(1)]);
+    let mut opened = Opened::load(paths, &options)?;
     for warning in &opened.scene.report.warnings {
         eprintln!("{warning}");
     }
     args.shots.apply(&mut opened.settings);
-    let shots = args.shots.shots(&opened)?;
+    let shots = args.at_times(args.shots.shots(&opened)?)?;
     let config = in_scene_units(&args.config.config(), opened.settings.scale);
-    let splats = &opened.scene.splats;
-    let mut device = if args.reference {
-        None
-    } else {
-        let gpu = args.device.offscreen()?;
-        let studio = Studio::new(&gpu, splats, &config)?;
-        Some((studio, gpu))
-    };
+    let mut footage = Footage::new(&mut opened, frames, &options, args.video.read_ahead)?;
+    let gpu = if args.reference { None } else { Some(args.device.offscreen()?) };
+    let mut studio: Option<(Arc<Splats>, Studio)> = None;
+    let mut animation = (args.video.times.is_some() && is_animated(&args.output))
+        .then(|| Animation::new(&args.output, shots.len() as u32, args.video.fps));
     let trainers = args.config.preset() == Some("inria");
     for shot in &shots {
-        let config = at_time(&config, shot, args.config.names("time"));
+        let config = at_time(&config, shot, args.config.names("time") && args.video.times.is_none());
         let views: Vec<View> = if args.stereo {
             eyes(&shot.view, args.ipd / opened.settings.scale).to_vec()
         } else {
             vec![shot.view]
         };
+        let splats = footage.at(config.time)?;
+        if let Some(gpu) = &gpu
+            && studio.as_ref().is_none_or(|(shown, _)| !Arc::ptr_eq(shown, &splats))
+        {
+            // The one before goes first: two need not fit.
+            drop(studio.take());
+            studio = Some((splats.clone(), Studio::new(gpu, &splats, &config)?));
+        }
         let painted = match args.heat {
-            Some(heat) => heat.of_splats(splats, &views[0])?,
+            Some(heat) => heat.of_splats(&splats, &views[0])?,
             None => None,
         };
-        let (mut pictures, report) = match (&mut device, &painted) {
-            (Some((_, gpu)), Some(painted)) => {
+        let (mut pictures, report) = match (&gpu, &mut studio, &painted) {
+            (Some(gpu), _, Some(painted)) => {
                 let (pictures, report) = Studio::new(gpu, painted, &config)?.take(&views, &config)?;
                 (pictures, Some(report))
             }
-            (Some((studio, _)), None) => studio.take(&views, &config).map(|(p, report)| (p, Some(report)))?,
-            (None, painted) => {
-                let splats = painted.as_ref().unwrap_or(splats);
+            (_, Some((_, studio)), _) => studio.take(&views, &config).map(|(p, report)| (p, Some(report)))?,
+            (_, None, painted) => {
+                let splats = painted.as_ref().unwrap_or(&splats);
                 (reference_pictures(splats, &views, &config, trainers)?, None)
             }
         };
         if let Some(heat) = args.heat {
             let drawn = if args.reference { &[][..] } else { &pictures };
-            if let Some(maps) = heat.of_pixels(splats, &views, &config, drawn)? {
+            if let Some(maps) = heat.of_pixels(&splats, &views, &config, drawn)? {
                 pictures = maps;
             }
         }
+        let picture = side_by_side(&pictures)?;
         let file = file_of(args, shot);
-        save(&side_by_side(&pictures)?, &file)?;
+        match &mut animation {
+            Some(animation) => animation.add(&picture)?,
+            None => save(&picture, &file)?,
+        }
         say(&Line { file: &file, report }, args.json)?;
     }
-    match device {
-        Some((studio, gpu)) => {
-            drop(studio);
-            no_complaints(&gpu)
+    if let Some(animation) = animation {
+        animation.finish()?;
+    }
+    drop(studio);
+    gpu.as_deref().map_or(Ok(()), no_complaints)
+}
+
+impl RenderArgs {
+    /// Each shot at each time: as many pictures as times, of one view, or of as many views as times.
+    fn at_times(&self, shots: Vec<Shot>) -> Result<Vec<Shot>, CommandError> {
+        let Some(times) = &self.video.times else { return Ok(shots) };
+        let times = &times.0;
+        if shots.len() != 1 && shots.len() != times.len() {
+            let (views, times) = (shots.len(), times.len());
+            let what =
+                format!("{views} views and {times} times do not fit: give one view, or as many as times");
+            return Err(CommandError::Usage(what));
         }
-        None => Ok(()),
+        let shot = |(i, &time): (usize, &f32)| Shot {
+            name: format!("frame-{i:05}"),
+            time: Some(time),
+            ..shots[i.min(shots.len() - 1)].clone()
+        };
+        Ok(times.iter().enumerate().map(shot).collect())
     }
 }
 
@@ -131,7 +165,11 @@ fn at_time(config: &RenderConfig, shot: &Shot, given: bool) -> RenderConfig {
 
 /// Cameras' names may hold folders; they stay below the output folder.
 fn file_of(args: &RenderArgs, shot: &Shot) -> PathBuf {
-    if !args.shots.several() {
+    let one = match &args.video.times {
+        Some(_) => is_animated(&args.output),
+        None => !args.shots.several(),
+    };
+    if one {
         return args.output.clone();
     }
     let parts = shot.name.split(['/', '\\']).filter(|p| !p.is_empty() && *p != "." && *p != "..");

@@ -5,7 +5,7 @@ use super::upscale::Reduction;
 use super::{Attachments, DrawRequest, Framebuffer, FramebufferKey, Renderer, call};
 use crate::config::Expansion;
 use crate::gpu::{Buffer, GpuError, Image, ImageDescription};
-use crate::passes::{COUNT_FORMAT, FullScreen, MARK_FORMAT, PUSH_BYTES, PassKey, Stages};
+use crate::passes::{COUNT_FORMAT, FullScreen, PUSH_BYTES, PassKey, Stages};
 use ash::vk;
 use gpu_allocator::MemoryLocation;
 use motes_shaders::layout::{Draw, QUADS_PER_INSTANCE, Specialization};
@@ -59,13 +59,15 @@ impl Renderer {
             min_depth: 0.0,
             max_depth: 1.0,
         };
-        // Colours first (the blended image, and the output where it has one), then marks, then counts.
+        // Colours first (the blended image, and the output where it has one), then depth, then counts.
         let colours = if pass.output.is_some() { 2 } else { 1 };
+        let has_depth = pass.depth_format().is_some();
         let mut clear = [vk::ClearValue::default(); 4];
-        if pass.early_stop {
-            clear[colours].depth_stencil = vk::ClearDepthStencilValue { depth: 1.0, stencil: 0 };
+        if has_depth {
+            let depth = if pass.stochastic { 0.0 } else { 1.0 };
+            clear[colours].depth_stencil = vk::ClearDepthStencilValue { depth, stencil: 0 };
         }
-        let clear = &clear[..colours + usize::from(pass.early_stop) + usize::from(pass.count)];
+        let clear = &clear[..colours + usize::from(has_depth) + usize::from(pass.count)];
         let begin = vk::RenderPassBeginInfo::default()
             .render_pass(render_pass)
             .framebuffer(framebuffer)
@@ -175,7 +177,9 @@ impl Renderer {
         };
         let fits = self.attachments.as_ref().is_some_and(|a| {
             a.blended.description() == description
-                && (a.marks.is_some() || !pass.early_stop)
+                && pass
+                    .depth_format()
+                    .is_none_or(|f| a.marks.as_ref().is_some_and(|m| m.description().format == f))
                 && (a.counts.is_some() || !pass.count)
         });
         if !fits {
@@ -183,12 +187,15 @@ impl Renderer {
             self.attachments = None;
             let blended = Image::new(&self.gpu, "blended", description)?;
             let marks = ImageDescription {
-                format: MARK_FORMAT,
+                format: pass.depth_format().unwrap_or_default(),
                 usage: vk::ImageUsageFlags::DEPTH_STENCIL_ATTACHMENT,
                 aspect: vk::ImageAspectFlags::DEPTH,
                 ..description
             };
-            let marks = if pass.early_stop { Some(Image::new(&self.gpu, "marks", marks)?) } else { None };
+            let marks = match pass.depth_format() {
+                Some(_) => Some(Image::new(&self.gpu, "marks or distances", marks)?),
+                None => None,
+            };
             let counts = ImageDescription {
                 format: COUNT_FORMAT,
                 usage: vk::ImageUsageFlags::COLOR_ATTACHMENT | vk::ImageUsageFlags::TRANSFER_SRC,
@@ -206,7 +213,7 @@ impl Renderer {
         }
         let mut attachments = vec![blended.view()];
         attachments.extend(pass.output.map(|_| output));
-        if let (Some(marks), true) = (marks, pass.early_stop) {
+        if let (Some(marks), Some(_)) = (marks, pass.depth_format()) {
             attachments.push(marks.view());
         }
         if let (Some(counts), true) = (counts, pass.count) {

@@ -2,7 +2,7 @@
 
 use super::DrawRequest;
 use super::upscale::Reduction;
-use crate::config::{Composite, RadiusRule, RenderConfig, TargetFormat};
+use crate::config::{Composite, OrderKey, RadiusRule, RenderConfig, Sorter, TargetFormat};
 use crate::resolution::{Resolution, Sampling};
 use crate::scene::SceneOnDevice;
 use crate::view::View;
@@ -35,7 +35,11 @@ pub(super) fn specialization(
         sh_slots: scene.harmonics.buffers.len().max(1) as u32,
         motion: u32::from(scene.moving),
         views: views as u32,
-        composite: u32::from(config.composite == Composite::BackToFront),
+        composite: match (config.sorter, config.composite) {
+            (Sorter::Stochastic, _) => 2,
+            (_, Composite::BackToFront) => 1,
+            (_, Composite::FrontToBack | Composite::EarlyStop) => 0,
+        },
         geometry_shift: scene.geometry.shift,
         sh_shift: scene.harmonics.shift,
         sampling: resolution.sampling as u32,
@@ -61,7 +65,12 @@ pub(super) fn is_srgb(format: vk::Format) -> bool {
     matches!(format, vk::Format::R8G8B8A8_SRGB | vk::Format::B8G8R8A8_SRGB | vk::Format::A8B8G8R8_SRGB_PACK32)
 }
 
-pub(super) fn frame_data(request: &DrawRequest<'_>, reduction: &Reduction, ordered: u32) -> FrameData {
+pub(super) fn frame_data(
+    request: &DrawRequest<'_>,
+    reduction: &Reduction,
+    ordered: u32,
+    sample: u32,
+) -> FrameData {
     let DrawRequest { scene, views, config, .. } = *request;
     let Reduction { resolution, past, reprojection, .. } = *reduction;
     let mut data = FrameData::default();
@@ -96,8 +105,12 @@ pub(super) fn frame_data(request: &DrawRequest<'_>, reduction: &Reduction, order
     data.sort_center = (midpoint(views) - scene.origin).as_vec3().extend(0.0).to_array();
     data.cull = [config.near, config.near_fade, config.min_opacity, config.min_contribution];
     data.filters = [0.3, config.max_radius * width.max(height), config.stop_below, config.time];
-    data.counts =
-        [ordered, if early_stop { config.batches.min(MAX_BATCHES as u32) } else { 1 }, corners(config), 0];
+    data.counts = [
+        ordered,
+        if early_stop { config.batches.min(MAX_BATCHES as u32) } else { 1 },
+        corners(config),
+        sample | u32::from(config.order == OrderKey::Depth) << 31,
+    ];
     data.sampling = [resolution.pitch, resolution.step, past as u32, reduction.history_share.to_bits()];
     let [shown_width, shown_height] = resolution.shown.map(|s| s as f32);
     // One slope for both eyes: that of the wider pixels.

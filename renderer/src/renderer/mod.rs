@@ -9,7 +9,7 @@ mod upscale;
 
 pub use frame_data::midpoint;
 
-use crate::config::{Composite, Expansion, RenderConfig};
+use crate::config::{Composite, Expansion, RenderConfig, Sorter};
 use crate::gpu::{Buffer, Gpu, GpuError, Image};
 use crate::order::SplatOrder;
 use crate::order::device::DeviceSort;
@@ -138,6 +138,8 @@ pub struct Renderer {
     next: usize,
     workspace: Option<Workspace>,
     device_sort: Option<DeviceSort>,
+    /// Which of the random samples of stochastic transparency the next frame shows.
+    sample: u32,
     /// Splats in the order of the part that is being recorded.
     ordered: u32,
     indices: HashMap<u32, Buffer>,
@@ -163,6 +165,7 @@ impl Renderer {
             next: 0,
             workspace: None,
             device_sort: None,
+            sample: 0,
             ordered: 0,
             indices: HashMap::new(),
             attachments: None,
@@ -330,6 +333,11 @@ impl Renderer {
         self.upscaler.forget_history();
     }
 
+    /// Which sample of stochastic transparency the next frame shows; each frame after it shows the next one.
+    pub fn set_sample(&mut self, sample: u32) {
+        self.sample = sample & (u32::MAX >> 1);
+    }
+
     /// Whether the frames from now on count layers per pixel: a measurement, which costs time itself.
     ///
     /// # Errors
@@ -385,6 +393,10 @@ impl Renderer {
                 "sort-per-eye: one pass draws both eyes in one order; draw stereo in two passes".into(),
             )));
         }
+        if self.count_layers && config.sorter == Sorter::Stochastic {
+            let reason = "sort stochastic blends no layers that could be counted";
+            return Err(GpuError::Config(crate::ConfigError(reason.into())));
+        }
         let reduction = self.upscaler.reduction(request);
         self.upscaler.begin(request, &reduction, blended_format(config.target))?;
         if config.sort_per_eye && views.len() == 2 {
@@ -396,6 +408,7 @@ impl Renderer {
             self.draw_part(frame, request, &reduction, multiview, None)?;
         }
         self.upscaler.end(request, &reduction);
+        self.sample = self.sample.wrapping_add(1) & (u32::MAX >> 1);
         self.slots[frame.slot].queries.stamp(frame.commands, 3);
         let slot = &mut self.slots[frame.slot];
         slot.report.views = views.len() as u32;
@@ -452,6 +465,7 @@ impl Renderer {
                 output: (!reduction.further_pass).then_some((target.format, target.layout)),
                 view_mask,
                 early_stop,
+                stochastic: config.sorter == Sorter::Stochastic,
                 count: self.count_layers,
             };
             self.record_pass(
@@ -483,7 +497,7 @@ impl Renderer {
         reduction: &Reduction,
         part: usize,
     ) {
-        let data = frame_data(request, reduction, self.ordered);
+        let data = frame_data(request, reduction, self.ordered, self.sample);
         self.background = request.config.background;
         let uniform = &mut self.slots[slot].uniform;
         let at = part * FRAME_DATA_STRIDE as usize;

@@ -26,10 +26,7 @@ impl Renderer {
         let count = match request.config.sorter {
             Sorter::Cpu => self.upload_order(slot, request, own_eye)?,
             Sorter::Gpu => self.sort_on_device(slot, request, own_eye, sets, specialization)?,
-            Sorter::Stochastic => {
-                let reason = "sort stochastic is not built into this version";
-                return Err(GpuError::Config(crate::ConfigError(reason.into())));
-            }
+            Sorter::Stochastic => request.scene.splats,
         };
         self.wait_for_readers(slot);
         Ok(count)
