@@ -123,9 +123,9 @@ mod tests {
                 .map(|k| f64::from(scene.rotations[i][k]) + dt * f64::from(motion.omegas[i][k]))
                 .collect();
             let length = q.iter().map(|v| v.powi(2)).sum::<f64>().sqrt();
-            for k in 0..4 {
-                worst = worst.max((m.rotation.to_array()[k] - q[k] / length).abs());
-                wrong = wrong.max((m.rotation.to_array()[k] - f64::from(scene.rotations[i][k])).abs());
+            for ((moved, q), still) in m.rotation.to_array().into_iter().zip(&q).zip(scene.rotations[i]) {
+                worst = worst.max((moved - q / length).abs());
+                wrong = wrong.max((moved - f64::from(still)).abs());
             }
             let width = f64::from(motion.widths[i]);
             let opacity = f64::from(scene.opacities[i]) / (dt * dt / (width * width)).exp();
