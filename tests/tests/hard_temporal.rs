@@ -39,9 +39,9 @@ fn stale_orders_stay_bounded() {
     let mut rig = Rig::new();
     let ages: Vec<u32> = (0..=8).collect();
     for (movement, key, mean_bound) in [
-        (Movement::Walk, OrderKey::Radial, 1.5),
-        (Movement::Turn, OrderKey::Radial, 0.2),
-        (Movement::Both, OrderKey::Radial, 1.5),
+        (Movement::Walk, OrderKey::Radial, 7.0),
+        (Movement::Turn, OrderKey::Radial, 0.3),
+        (Movement::Both, OrderKey::Radial, 7.0),
     ] {
         let found = stale(&mut rig, movement, key, &ages);
         let means: Vec<f64> = found.iter().map(|d| d.mean).collect();
@@ -53,6 +53,6 @@ fn stale_orders_stay_bounded() {
     let depth = stale(&mut rig, Movement::Turn, OrderKey::Depth, &[8]);
     let far = stale(&mut rig, Movement::Walk, OrderKey::Radial, &[200]);
     println!("by depth {:.3?}, from 3 s ago {:.3?}", depth[0], far[0]);
-    assert!(far[0].mean > 1.5, "{far:?}");
+    assert!(far[0].mean > 7.0, "{far:?}");
     assert!(depth[0].worst > stale(&mut rig, Movement::Turn, OrderKey::Radial, &[8])[0].worst + 1.0);
 }

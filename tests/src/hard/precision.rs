@@ -66,7 +66,7 @@ pub fn quantities() -> Vec<Quantity> {
         quantity(
             "falloff exp(−D²/2) in the fragment, in f32",
             "1/255",
-            0.01,
+            4e-5,
             falloff(|v| f64::from(v as f32)),
         ),
     ]
@@ -77,7 +77,7 @@ pub fn naive() -> Vec<Quantity> {
     let quantity = |name, unit, bound, worst| Quantity { name, unit, bound, worst };
     vec![
         quantity("centre in a picture of 1680 px, as −1 … 1", "px", 0.1, projected_centres()),
-        quantity("mean 100 m from the origin", "m", 1e-3, 100.0 - half(99.97)),
+        quantity("mean 100 m from the origin", "m", 1e-3, (half(99.97) - 99.97).abs()),
         quantity("smallest σ whose variance is not flushed", "m", 2.4e-4, smallest_sigma()),
         quantity("falloff exp(−D²/2) in the fragment, in f16", "1/255", 0.01, falloff(half)),
     ]
