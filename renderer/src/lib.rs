@@ -22,6 +22,7 @@ pub mod spherical_harmonics;
 mod traffic;
 mod upload;
 mod view;
+mod watchdog;
 mod workspace;
 
 pub use choices::{CHOICES, Choice, Kind, PRESETS, Preset};
@@ -33,3 +34,4 @@ pub use report::FrameReport;
 pub use scene::{SceneOnDevice, Stream};
 pub use traffic::Traffic;
 pub use view::{Fov, View};
+pub use watchdog::{CostSample, Prediction};

@@ -1,7 +1,14 @@
 //! From where a picture is taken.
 
 use glam::{DMat3, DQuat, DVec3};
+
+use crate::ConfigError;
 use motes_scenes::cameras::Camera;
+
+/// Largest tangent of a view's half-angles: 89.94°. Its square times a splat's fits an f32.
+const MAX_TANGENT: f64 = 1e3;
+/// Farthest an eye may be from the data's origin, metres: the square of the distance fits an f32.
+const MAX_EYE: f64 = 1e15;
 
 /// Tangents of the four half-angles of a (possibly asymmetric) perspective frustum, each measured from the
 /// forward axis: `left` and `up` are usually negative (x points right, y points **down**).
@@ -77,6 +84,34 @@ impl View {
             fov: Fov::pinhole(camera.fx, camera.fy, camera.cx, camera.cy, size),
             size,
         }
+    }
+
+    /// Whether a picture can be taken from here: finite numbers, a field of view that opens, a rotation that is one.
+    ///
+    /// # Errors
+    /// What is wrong, and with which figures.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        let f = self.fov;
+        let sides = [f.left, f.right, f.up, f.down];
+        if !(sides.iter().all(|s| s.abs() <= MAX_TANGENT) && f.left < f.right && f.up < f.down) {
+            return Err(ConfigError(format!(
+                "a view's field of view is {f:?}: it needs tangents of at most {MAX_TANGENT:.0e}, left < right and up < down"
+            )));
+        }
+        if !(self.eye.abs().max_element() <= MAX_EYE) {
+            return Err(ConfigError(format!(
+                "a view's eye is at {}: it needs a place within {MAX_EYE:.0e} m",
+                self.eye
+            )));
+        }
+        let off = self.rotation * self.rotation.transpose() - DMat3::IDENTITY;
+        if !off.to_cols_array().iter().all(|d| d.abs() < 1e-3) {
+            return Err(ConfigError(format!(
+                "a view's rotation is none, its rows are not at right angles and of length 1: {}",
+                self.rotation
+            )));
+        }
+        Ok(())
     }
 
     /// Focal lengths in pixels, horizontal and vertical.

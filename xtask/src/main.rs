@@ -29,6 +29,7 @@ cargo xtask COMMAND
                               pictures of them where there is no display; options are those of motes
   test [CARGO TEST OPTIONS]   run the tests on the pinned CPU driver (all packages unless -p is given)
   run-on-driver -- COMMAND    run COMMAND (a program, or cargo) on the pinned driver
+  stability                   measure the hard cases and write docs/stability.md with its plots (some minutes)
   android-check               what the application for Android is made of, and whether it compiles
   apk [OPTIONS]               build the application for Quest headsets: target/android/motes.apk
       --ndk DIR                 link with an Android NDK (else ANDROID_NDK_HOME; without one, stubs are made)
@@ -72,6 +73,10 @@ fn dispatch(command: &str, arguments: &[String]) -> Result<ExitCode> {
         "view" => view::view(arguments),
         "test" => test::test(arguments),
         "run-on-driver" => test::run_on_driver(arguments),
+        "stability" => {
+            no_arguments(command, arguments)?;
+            test::stability()
+        }
         "android-check" => {
             no_arguments(command, arguments)?;
             android::check()

@@ -1,4 +1,4 @@
-//! `cargo xtask test` and `run-on-driver`.
+//! `cargo xtask test`, `stability` and `run-on-driver`.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, ExitStatus};
@@ -44,6 +44,18 @@ pub fn run_on_driver(arguments: &[String]) -> Result<ExitCode> {
     command.args(rest);
     scenes(&mut command);
     Ok(code(shell::status(&mut command)?))
+}
+
+/// Measures the hard cases on the pinned driver and writes the stability report.
+pub fn stability() -> Result<ExitCode> {
+    host::provide(host::Purpose::Test)?;
+    let driver = driver::provide()?;
+    say(&format!("measured on {}", driver.description()));
+    let mut cargo = workspace::cargo();
+    cargo.args(["run", "--package", "motes-tests", "--bin", "stability", "--", "docs"]);
+    driver.apply(&mut cargo);
+    scenes(&mut cargo);
+    Ok(code(shell::status(&mut cargo)?))
 }
 
 /// Whether `cargo test` is told which packages to test.

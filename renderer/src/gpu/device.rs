@@ -42,6 +42,9 @@ pub trait Bootstrap {
         physical: vk::PhysicalDevice,
         info: &vk::DeviceCreateInfo<'_>,
     ) -> Result<ash::Device, GpuError>;
+    /// Takes away from what the device offers, before it is created: a fault of a driver to be avoided, or a lesser
+    /// device to be tried on a better one. Nothing may be added.
+    fn restrict(&self, _: &mut Capabilities) {}
 }
 
 /// Which device, and how closely it is watched.
@@ -227,7 +230,8 @@ impl Gpu {
         };
 
         let (physical, queue_family) = bootstrap.choose(&entry, &instance)?;
-        let capabilities = Capabilities::read(&instance, physical, queue_family);
+        let mut capabilities = Capabilities::read(&instance, physical, queue_family);
+        bootstrap.restrict(&mut capabilities);
         let priorities = [1.0];
         let queues = [vk::DeviceQueueCreateInfo::default()
             .queue_family_index(queue_family)

@@ -380,6 +380,9 @@ impl Renderer {
     pub fn draw(&mut self, frame: &Frame, request: &DrawRequest<'_>) -> Result<(), GpuError> {
         let DrawRequest { views, config, target, stereo, .. } = *request;
         config.check(views.len(), &self.gpu.capabilities)?;
+        for view in views {
+            view.check()?;
+        }
         let multiview = views.len() == 2 && stereo == Stereo::Multiview;
         if multiview && !self.gpu.capabilities.multiview {
             return Err(GpuError::Unsupported {

@@ -68,7 +68,7 @@ pub struct Sweep {
 }
 
 /// Worst pixel beyond which a rung no longer shows the truth, 8-bit steps.
-pub const VALID: f64 = 4.0;
+pub const VALID: f64 = 8.0;
 
 /// What was measured at one value, for one rung.
 #[derive(Clone, Copy, Debug)]
