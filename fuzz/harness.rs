@@ -10,8 +10,11 @@ use std::sync::Arc;
 use motes_scenes::settings::Settings;
 use motes_scenes::{LoadOptions, Splats, load_bytes};
 
+/// Name of a target, and what it does with bytes.
+pub type Target = (&'static str, fn(&[u8]));
+
 /// Every target, by name.
-pub const TARGETS: [(&str, fn(&[u8])); 9] = [
+pub const TARGETS: [Target; 9] = [
     ("ply", ply),
     ("compressed_ply", compressed_ply),
     ("splat", splat),

@@ -1,5 +1,6 @@
 //! The fuzz targets (`fuzz/`) on stable Rust: a fixed corpus and a fixed number of mutations. `MOTES_FUZZ_CORPUS=DIR`
 //! writes the corpus for libFuzzer instead: `cargo +nightly fuzz run TARGET DIR/TARGET`.
+#![allow(clippy::panic, reason = "a test may")]
 
 mod common;
 #[path = "../../fuzz/harness.rs"]
@@ -84,7 +85,8 @@ fn mutate(bytes: &mut Vec<u8>, other: &[u8], random: &mut Random) {
         }
         _ => {
             // Another digit or sign, where text has some.
-            if let Some(digit) = bytes[at.min(bytes.len())..].iter_mut().find(|b| b.is_ascii_digit()) {
+            let from = at.min(bytes.len());
+            if let Some(digit) = bytes[from..].iter_mut().find(|b| b.is_ascii_digit()) {
                 *digit = b"0123456789-.e"[random.below(13) as usize];
             }
         }

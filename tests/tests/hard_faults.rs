@@ -1,5 +1,6 @@
 //! What can go wrong around a frame: devices that offer less, scenes that are too large, memory that ends, files that go,
 //! no Vulkan at all; and scenes that would take seconds a frame.
+#![allow(clippy::unwrap_used, reason = "a test may")]
 
 use std::ffi::CString;
 use std::process::Command;
