@@ -41,7 +41,10 @@ fn main() -> ExitCode {
         Some(Command::Golden(args)) => golden::run(&args).map_err(|e| e.to_string()),
         Some(Command::Xr(args)) => match xr::run(&args) {
             Ok(xr::Outcome::Shown) => Ok(()),
-            Ok(xr::Outcome::Window(reason)) => Err(reason),
+            Ok(xr::Outcome::Window(reason)) => {
+                eprintln!("motes: {reason}. A window opens instead");
+                xr::open_window(&args).map_err(|e| e.to_string())
+            }
             Err(e) => Err(e.to_string()),
         },
     };

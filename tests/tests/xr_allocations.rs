@@ -87,6 +87,9 @@ impl Headset for Watched {
         self.drawing -= busy();
         target
     }
+    fn panel(&mut self) -> Result<Option<Target>, XrError> {
+        self.headset.panel()
+    }
     fn image(&self) -> Option<ash::vk::Image> {
         self.headset.image()
     }

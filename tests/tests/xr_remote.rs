@@ -206,6 +206,7 @@ fn a_known_object_has_the_right_disparity() {
                 forward: DVec3::NEG_Z,
                 floor_known: true,
             },
+            about: None,
         };
         let mut session = Session::new(show, true);
         let size = session.headset.images().size.map(f64::from);
@@ -256,6 +257,7 @@ fn hands_and_buttons_do_what_is_specified() {
                 forward: DVec3::NEG_Z,
                 floor_known: true,
             },
+            about: None,
         };
         let mut session = Session::new(show, false);
         let placement = |s: &Session| *s.viewer.placement().unwrap();
@@ -377,9 +379,18 @@ fn hands_and_buttons_do_what_is_specified() {
         session.remote.send(&remote);
         session.until("let go of", |s| s.viewer.panel_events().released);
 
-        // The panel's button, held: exit.
-        remote = Remote::default();
-        remote.hands[0].a = true;
+        // The panel's own button, clicked: exit.
+        remote.hands[1].squeeze = 0.0;
+        remote.hands[1].pose = RemotePose::at([0.324, 1.48 + 0.2457, -0.3]);
+        session.remote.send(&remote);
+        session.until("pointed at exit", |s| {
+            s.viewer.panel_events().pointer.is_some_and(|[u, v]| u > 0.9 && v < 0.1)
+        });
+        session.step();
+        remote.hands[1].trigger = 1.0;
+        session.remote.send(&remote);
+        session.until("pressed", |s| s.viewer.panel_events().pressed);
+        remote.hands[1].trigger = 0.0;
         session.remote.send(&remote);
         let mut seconds = 0.0;
         let ended = loop {

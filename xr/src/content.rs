@@ -6,6 +6,8 @@ use motes_app::framing::Framing;
 use motes_app::opened::Opened;
 use motes_renderer::gpu::Gpu;
 use motes_renderer::{Packing, SceneOnDevice, View};
+use motes_scenes::settings::Settings;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 /// Vertical field of view that the first view is chosen for where only the scene's extent is known, radians: less than
@@ -54,6 +56,19 @@ pub struct Content {
     pub scene_to_world: DAffine3,
     /// From where it is seen at first.
     pub first_view: FirstView,
+    /// What is known of it; nothing of a scene that was made on the spot.
+    pub about: Option<About>,
+}
+
+/// What is known of a scene, and can be corrected.
+#[derive(Clone, Debug, PartialEq)]
+pub struct About {
+    /// Its name.
+    pub name: String,
+    /// Its file, beside which settings are kept; none of the sample's.
+    pub path: Option<PathBuf>,
+    /// How it stands in the world.
+    pub settings: Settings,
 }
 
 impl Content {
@@ -66,6 +81,11 @@ impl Content {
             scene: SceneOnDevice::new(gpu, &opened.scene.splats, packing)?,
             scene_to_world: opened.settings.scene_to_world(),
             first_view: FirstView::of(opened),
+            about: Some(About {
+                name: opened.name.clone(),
+                path: opened.path.clone(),
+                settings: opened.settings.clone(),
+            }),
         })
     }
 }

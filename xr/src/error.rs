@@ -70,6 +70,9 @@ pub enum XrError {
     /// The device's own.
     #[error(transparent)]
     Gpu(#[from] GpuError),
+    /// The panel's.
+    #[error(transparent)]
+    Panel(#[from] motes_app::painter::PainterError),
     /// A recorded session that cannot be read or written.
     #[error("{file}: {place}: {problem}. {remedy}")]
     Script {

@@ -86,6 +86,8 @@ pub enum Surface {
     Rim,
     /// A ring on the floor: where a jump lands.
     Landing,
+    /// The panel, as it was last drawn.
+    Panel,
 }
 
 /// Quads of a frame, at most.
@@ -151,6 +153,13 @@ pub trait Headset {
     /// # Errors
     /// The runtime was lost.
     fn target(&mut self) -> Result<Target, XrError>;
+
+    /// The panel's image to draw into, of [`MENU_SIZE`](motes_app::headset::menu::MENU_SIZE); none where nobody would see
+    /// it. It is shown from the end of the frame on.
+    ///
+    /// # Errors
+    /// The runtime was lost.
+    fn panel(&mut self) -> Result<Option<Target>, XrError>;
 
     /// The image behind [`target`](Self::target), for who wants to copy it; it is a copy's source only where that was
     /// asked for. None where no image is being drawn into.

@@ -5,13 +5,14 @@ mod content;
 mod error;
 mod headset;
 mod loader;
+mod panel_screen;
 mod readback;
 mod runtime;
 mod script;
 mod show;
 mod viewer;
 
-pub use content::{Content, FirstView};
+pub use content::{About, Content, FirstView};
 pub use error::XrError;
 pub use headset::{EyeImages, FrameTime, Headset, MOST_QUADS, Quad, RIM_CLEAR, SessionState, Step, Surface};
 pub use loader::{LoadError, Loaded, Loader, SceneSource};

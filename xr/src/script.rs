@@ -294,6 +294,10 @@ impl<H: Headset> Headset for Recorder<H> {
         self.headset.target()
     }
 
+    fn panel(&mut self) -> Result<Option<Target>, XrError> {
+        self.headset.panel()
+    }
+
     fn image(&self) -> Option<vk::Image> {
         self.headset.image()
     }
@@ -387,6 +391,10 @@ impl Headset for ScriptedHeadset {
             layout: vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL,
             background_alpha: 1.0,
         })
+    }
+
+    fn panel(&mut self) -> Result<Option<Target>, XrError> {
+        Ok(None)
     }
 
     fn image(&self) -> Option<vk::Image> {

@@ -152,6 +152,7 @@ fn run(
             viewer.show(loaded.content)?;
             loading = None;
         }
+        viewer.set_loading(loading.as_ref().map(Loader::progress));
         let ended = viewer.step(headset)?;
         visit.frames = before + viewer.frames();
         if let Some(state) = ended {

@@ -1,13 +1,18 @@
 //! A scene in a headset: what happens in each frame.
 
+use crate::panel_screen::PanelScreen;
 use crate::{
     Content, FirstView, FrameTime, Headset, MOST_QUADS, Quad, RIM_CLEAR, Readback, SessionState, Step,
     Surface, XrError,
 };
-use motes_app::headset::{Comfort, Eye, Input, Locomotion, Panel, PanelEvents, Placement, Pose};
+use motes_app::headset::menu::{MenuCommand, MenuFacts};
+use motes_app::headset::{Comfort, Eye, Input, Locomotion, PANEL_SIZE, Panel, PanelEvents, Placement, Pose};
 use motes_app::time::TimeControl;
 use motes_renderer::order::{OrderRequest, SortWorker};
-use motes_renderer::{DrawRequest, FrameReport, Picture, RenderConfig, Renderer, Stereo, View};
+use motes_renderer::{
+    DrawRequest, Expansion, Frame, FrameReport, PRESETS, Picture, RenderConfig, Renderer, Stereo, View,
+};
+use motes_scenes::settings::{Orientation, Settings};
 use std::time::{Duration, Instant};
 
 /// What the last drawn frame showed.
@@ -38,6 +43,8 @@ pub struct FrameTimes {
     pub act: Duration,
     /// Waiting for the device to be done with the frame before the last.
     pub wait: Duration,
+    /// Drawing the panel, where it is shown.
+    pub panel: Duration,
     /// Locating the eyes and computing their views.
     pub locate: Duration,
     /// Taking the order of splats; the first one is waited for.
@@ -102,6 +109,9 @@ pub struct Viewer {
     frames: u64,
     times: FrameTimes,
     leaving: bool,
+    screen: PanelScreen,
+    loading: Option<f32>,
+    problem: String,
     last: Option<LastFrame>,
 }
 
@@ -128,6 +138,9 @@ impl Viewer {
             frames: 0,
             times: FrameTimes::default(),
             leaving: false,
+            screen: PanelScreen::new(),
+            loading: None,
+            problem: String::new(),
             last: None,
         })
     }
@@ -153,6 +166,11 @@ impl Viewer {
     /// Locomotion's state; none before the head was first seen.
     pub fn locomotion(&self) -> Option<&Locomotion> {
         self.locomotion.as_ref()
+    }
+
+    /// How much of a scene is loaded, while one is: the panel tells, and comes by itself where no scene is shown yet.
+    pub fn set_loading(&mut self, part: Option<f32>) {
+        self.loading = part;
     }
 
     /// The panel's state.
@@ -224,21 +242,28 @@ impl Viewer {
         let mut times = FrameTimes::default();
         let input = headset.input(frame)?;
         self.act(frame, &input);
-        if self.events.exit && !self.leaving {
-            log::info!("the user ends the session");
-            self.leaving = true;
-            headset.request_exit()?;
+        if self.events.exit {
+            self.leave(headset)?;
         }
-        let quads = self.quads();
-        let quads = &quads.0[..quads.1];
-        let Some(Shown { content, sorter }) = self.shown.as_mut().filter(|_| frame.should_render) else {
-            return headset.end(frame, None, if frame.should_render { quads } else { &[] });
-        };
+        if !frame.should_render {
+            return headset.end(frame, None, &[]);
+        }
         times.act = clock.lap();
         // Waits for the frame before the last; poses are located after it.
         let commands = self.renderer.begin()?;
         times.wait = clock.lap();
-        let Some(eyes) = headset.eyes(frame)? else {
+        self.draw_panel(headset, &commands, frame)?;
+        let quads = self.quads();
+        let quads = &quads.0[..quads.1];
+        times.panel = clock.lap();
+        let eyes = headset.eyes(frame)?;
+        let (Some(eyes), Some(Shown { content, sorter })) = (eyes, &mut self.shown) else {
+            if let Some(eyes) = eyes {
+                self.head = Pose::between(&eyes[0].pose, &eyes[1].pose);
+                if self.loading.is_some() {
+                    self.panel.open(&self.head);
+                }
+            }
             self.renderer.submit(commands, &[], &[])?;
             return headset.end(frame, None, quads);
         };
@@ -302,34 +327,144 @@ impl Viewer {
         Ok(())
     }
 
+    fn leave(&mut self, headset: &mut dyn Headset) -> Result<(), XrError> {
+        if !self.leaving {
+            log::info!("the user ends the session");
+            self.leaving = true;
+            headset.request_exit()?;
+        }
+        Ok(())
+    }
+
+    /// Draws the panel where it is shown, and does what is asked for on it.
+    fn draw_panel(
+        &mut self,
+        headset: &mut dyn Headset,
+        commands: &Frame,
+        frame: &FrameTime,
+    ) -> Result<(), XrError> {
+        if !self.panel.shown() {
+            return Ok(());
+        }
+        let about = self.shown.as_ref().and_then(|shown| shown.content.about.as_ref());
+        let facts = MenuFacts {
+            scene: about.map_or("", |about| about.name.as_str()),
+            splats: self.shown.as_ref().map_or(0, |shown| shown.content.scene.splats),
+            loading: self.loading,
+            frame_seconds: frame.period as f64 / 1e9,
+            report: self.renderer.last_report().clone(),
+            settings: about.map(|about| &about.settings),
+            problem: &self.problem,
+        };
+        let seconds = frame.display_time as f64 / 1e9;
+        let (events, comfort) = (&self.events, &self.comfort);
+        let asked = self.screen.draw(headset, commands.commands(), events, &facts, comfort, seconds)?;
+        for command in asked {
+            self.obey(headset, command)?;
+        }
+        Ok(())
+    }
+
+    fn obey(&mut self, headset: &mut dyn Headset, command: MenuCommand) -> Result<(), XrError> {
+        self.problem.clear();
+        match command {
+            MenuCommand::Exit => self.leave(headset)?,
+            MenuCommand::Recentre => {
+                if let Some(locomotion) = &mut self.locomotion {
+                    locomotion.recentre(&self.head);
+                }
+            }
+            MenuCommand::Reset => {
+                if let Some(locomotion) = &mut self.locomotion {
+                    locomotion.reset();
+                }
+            }
+            MenuCommand::Preset(i) => self.take_preset(i),
+            MenuCommand::Comfort(comfort) => self.comfort = comfort,
+            MenuCommand::Up(axis) => self.change(|settings| settings.orientation = Orientation::Up(axis)),
+            MenuCommand::Scale(scale) => self.change(|settings| settings.scale = scale.clamp(1e-6, 1e6)),
+            MenuCommand::Save => self.save(),
+        }
+        Ok(())
+    }
+
+    /// A preset, where the device can draw two views by it.
+    fn take_preset(&mut self, preset: usize) {
+        let Some(preset) = PRESETS.get(preset) else { return };
+        let mut config = (preset.config)();
+        if config.expansion == Expansion::Geometry {
+            config.expansion = Expansion::Instanced;
+            self.problem = "The geometry stage draws one eye only: splats are expanded in instances".into();
+        }
+        match config.check(2, &self.renderer.gpu().capabilities) {
+            Ok(()) => self.config = config,
+            Err(error) => self.problem = error.to_string(),
+        }
+    }
+
+    /// Corrects how the scene stands in the world. The user stays where the first view is.
+    fn change(&mut self, change: impl FnOnce(&mut Settings)) {
+        let Some(Shown { content, .. }) = &mut self.shown else { return };
+        let Some(about) = &mut content.about else { return };
+        let before = content.scene_to_world.inverse();
+        change(&mut about.settings);
+        content.scene_to_world = about.settings.scene_to_world();
+        let moved = content.scene_to_world * before;
+        let view = &mut content.first_view;
+        view.place = moved.transform_point3(view.place);
+        view.forward = moved.transform_vector3(view.forward);
+        self.locomotion = None;
+    }
+
+    fn save(&mut self) {
+        let about = self.shown.as_ref().and_then(|shown| shown.content.about.as_ref());
+        let Some(about) = about else { return };
+        let result = match &about.path {
+            Some(path) => about.settings.save(path).map_err(|error| error.to_string()),
+            None => Err("The sample's settings cannot be changed".to_owned()),
+        };
+        match result {
+            Ok(()) => log::info!("the settings of {} are saved", about.name),
+            Err(problem) => self.problem = problem,
+        }
+    }
+
     /// What lies over the scene: the ring of a landing place, and the dark rim.
     fn quads(&self) -> ([Quad; MOST_QUADS], usize) {
         let nothing =
             Quad { surface: Surface::Rim, pose: Pose::default(), size: [0.0; 2], follows_head: true };
         let (mut quads, mut count) = ([nothing; MOST_QUADS], 0);
-        let Some(locomotion) = &self.locomotion else { return (quads, count) };
-        if let Some(landing) = locomotion.landing() {
-            let place = locomotion.placement().to_stage(landing);
-            quads[count] = Quad {
-                surface: Surface::Landing,
-                pose: Pose { orientation: FACING_UP, position: place.to_array().map(|v| v as f32) },
-                size: [LANDING_WIDTH; 2],
-                follows_head: false,
-            };
-            count += 1;
+        if let Some(locomotion) = &self.locomotion {
+            if let Some(landing) = locomotion.landing() {
+                let place = locomotion.placement().to_stage(landing);
+                quads[count] = Quad {
+                    surface: Surface::Landing,
+                    pose: Pose { orientation: FACING_UP, position: place.to_array().map(|v| v as f32) },
+                    size: [LANDING_WIDTH; 2],
+                    follows_head: false,
+                };
+                count += 1;
+            }
+            let rim = locomotion.vignette() as f32;
+            if rim > 0.01 {
+                let [widest, narrowest] = RIM_ANGLES;
+                let clear = (widest + (narrowest - widest) * rim).to_radians();
+                let width = 2.0 * RIM_DISTANCE * clear.tan() / RIM_CLEAR;
+                let position = [0.0, 0.0, -RIM_DISTANCE];
+                quads[count] = Quad {
+                    surface: Surface::Rim,
+                    pose: Pose { position, ..Pose::default() },
+                    size: [width; 2],
+                    follows_head: true,
+                };
+                count += 1;
+            }
         }
-        let rim = locomotion.vignette() as f32;
-        if rim > 0.01 {
-            let [widest, narrowest] = RIM_ANGLES;
-            let clear = (widest + (narrowest - widest) * rim).to_radians();
-            let width = 2.0 * RIM_DISTANCE * clear.tan() / RIM_CLEAR;
-            let position = [0.0, 0.0, -RIM_DISTANCE];
-            quads[count] = Quad {
-                surface: Surface::Rim,
-                pose: Pose { position, ..Pose::default() },
-                size: [width; 2],
-                follows_head: true,
-            };
+        // On top: neither rim nor ring covers it.
+        if self.panel.shown() && self.screen.has_picture() {
+            let size = PANEL_SIZE.map(|side| side as f32);
+            let pose = *self.panel.pose();
+            quads[count] = Quad { surface: Surface::Panel, pose, size, follows_head: false };
             count += 1;
         }
         (quads, count)

@@ -56,6 +56,12 @@ impl Locomotion {
         self.vignette.strength()
     }
 
+    /// Puts the world back as it was at first.
+    pub fn reset(&mut self) {
+        self.placement = self.home;
+        self.held = [None; 2];
+    }
+
     /// Which hands hold the world.
     pub fn holding(&self) -> [bool; 2] {
         self.held.map(|held| held.is_some())
@@ -66,8 +72,7 @@ impl Locomotion {
     pub fn update(&mut self, input: &Input, busy: [bool; 2], head: &Pose, comfort: &Comfort, dt: f64) {
         let pressed = |now: bool, before: bool| now && !before;
         if pressed(input.reset, self.previous.reset) {
-            self.placement = self.home;
-            self.held = [None; 2];
+            self.reset();
         }
         if pressed(input.recentre, self.previous.recentre) {
             self.recentre(head);
@@ -81,7 +86,7 @@ impl Locomotion {
     }
 
     /// Puts the head back over the first place, heading as at first; height and scale stay.
-    fn recentre(&mut self, head: &Pose) {
+    pub fn recentre(&mut self, head: &Pose) {
         let height = self.placement.translation.y;
         let forward = self.home.turn() * DVec3::NEG_Z;
         let yaw = super::placement::yaw_of(forward) - super::placement::yaw_of(head.forward());

@@ -7,6 +7,7 @@
 mod comfort;
 mod input;
 mod locomotion;
+pub mod menu;
 mod panel;
 mod placement;
 mod pose;

@@ -41,6 +41,14 @@ pub struct Panel {
 }
 
 impl Panel {
+    /// Shows it in front of the head, where it is not shown yet.
+    pub fn open(&mut self, head: &Pose) {
+        if !self.shown {
+            self.shown = true;
+            self.pose = in_front_of(head);
+        }
+    }
+
     /// Whether it is shown.
     pub fn shown(&self) -> bool {
         self.shown

@@ -11,6 +11,7 @@ use motes_xr::{RuntimeOptions, SceneSource, SessionOptions, ShowError, ShowOptio
 
 use crate::config_args::ConfigArgs;
 use crate::error::CommandError;
+use crate::window::{self, WindowOptions};
 
 /// Show scenes in a headset (any OpenXR runtime)
 #[derive(Clone, Debug, clap::Args)]
@@ -106,4 +107,22 @@ pub fn run(args: &XrArgs) -> Result<Outcome, CommandError> {
         Err(ShowError::Headset(error)) => Err(CommandError::Headset(error)),
         Err(error) => Err(CommandError::Usage(error.to_string())),
     }
+}
+
+/// Opens the desktop's window with what was to be shown in the headset.
+///
+/// # Errors
+/// There is no display or device either.
+pub fn open_window(args: &XrArgs) -> Result<(), CommandError> {
+    window::run(WindowOptions {
+        scenes: args.scenes.clone(),
+        config: args.config(),
+        stereo: false,
+        panel: true,
+        size: [1600, 900],
+        pictures: PathBuf::from("."),
+        device: None,
+        validation: args.validation,
+        paced: true,
+    })
 }

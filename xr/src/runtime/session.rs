@@ -282,12 +282,17 @@ impl Headset for RuntimeHeadset {
         self.eyes.acquire()
     }
 
+    fn panel(&mut self) -> Result<Option<Target>, XrError> {
+        self.surfaces.panel().acquire().map(Some)
+    }
+
     fn image(&self) -> Option<vk::Image> {
         self.eyes.current()
     }
 
     fn end(&mut self, frame: &FrameTime, shown: Option<&[Eye; 2]>, quads: &[Quad]) -> Result<(), XrError> {
         self.eyes.release()?;
+        self.surfaces.panel().release()?;
         let time = xr::Time::from_nanos(frame.display_time);
         let projected = shown.map(|eyes| [0, 1].map(|i| projection_view(&self.eyes, &eyes[i], i as u32)));
         let mut projection = xr::CompositionLayerProjection::new().space(&self.space);

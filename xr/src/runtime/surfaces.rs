@@ -6,6 +6,7 @@ use crate::error::During;
 use crate::{RIM_CLEAR, Surface, XrError};
 use ash::vk;
 use gpu_allocator::MemoryLocation;
+use motes_app::headset::menu::MENU_SIZE;
 use motes_renderer::Renderer;
 use motes_renderer::gpu::{Buffer, Gpu};
 use openxr as xr;
@@ -18,6 +19,7 @@ const SIDE: u32 = 256;
 pub(super) struct Surfaces {
     rim: Images,
     landing: Images,
+    panel: Images,
 }
 
 impl Surfaces {
@@ -26,7 +28,16 @@ impl Surfaces {
         gpu: &Arc<Gpu>,
         session: &xr::Session<xr::Vulkan>,
     ) -> Result<Self, XrError> {
-        Ok(Self { rim: still(runtime, gpu, session, rim)?, landing: still(runtime, gpu, session, landing)? })
+        Ok(Self {
+            rim: still(runtime, gpu, session, rim)?,
+            landing: still(runtime, gpu, session, landing)?,
+            panel: Images::new(runtime, gpu, session, &Wish { size: MENU_SIZE, layers: 1, still: false })?,
+        })
+    }
+
+    /// The panel, to draw into.
+    pub fn panel(&mut self) -> &mut Images {
+        &mut self.panel
     }
 
     /// The picture of a surface, and its size.
@@ -34,6 +45,7 @@ impl Surfaces {
         match surface {
             Surface::Rim => &self.rim,
             Surface::Landing => &self.landing,
+            Surface::Panel => &self.panel,
         }
     }
 }

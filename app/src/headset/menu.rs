@@ -1,0 +1,216 @@
+//! What stands on the panel in the headset: figures, quality, comfort, the scene's place in the world, exit.
+
+use super::{Comfort, PanelEvents};
+use egui::{Button, Context, Event, PointerButton, Pos2, RawInput, Rect, RichText, Ui, vec2};
+use motes_renderer::{FrameReport, PRESETS};
+use motes_scenes::settings::{Axis, Orientation, Settings};
+
+/// Size of the panel's picture, pixels: 0.75 mm a pixel, so that text of 16 points is 24 mm high at two pixels a point.
+pub const MENU_SIZE: [u32; 2] = [960, 720];
+/// Pixels of the picture in a point of egui's.
+pub const PIXELS_PER_POINT: f32 = 2.0;
+
+/// What the user wants, read off the panel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum MenuCommand {
+    /// End the session.
+    Exit,
+    /// Back to the first place.
+    Recentre,
+    /// The world as it was at first.
+    Reset,
+    /// A preset of the renderer, by its place in [`PRESETS`].
+    Preset(usize),
+    /// Other comfort options.
+    Comfort(Comfort),
+    /// This axis of the scene is up.
+    Up(Axis),
+    /// Metres in a unit of the scene.
+    Scale(f64),
+    /// Write the scene's settings beside it.
+    Save,
+}
+
+/// What the panel tells.
+#[derive(Clone, Debug, Default)]
+pub struct MenuFacts<'a> {
+    /// The scene's name.
+    pub scene: &'a str,
+    /// Its splats.
+    pub splats: u32,
+    /// How much is loaded, while it is.
+    pub loading: Option<f32>,
+    /// Time between two frames, seconds.
+    pub frame_seconds: f64,
+    /// What the last frame took on the device.
+    pub report: FrameReport,
+    /// How the scene stands in the world, where it is known.
+    pub settings: Option<&'a Settings>,
+    /// What could not be done.
+    pub problem: &'a str,
+}
+
+/// egui's input from what the hands do at the panel.
+pub fn input(events: &PanelEvents, seconds: f64, before: Option<Pos2>) -> (RawInput, Option<Pos2>) {
+    let size = vec2(MENU_SIZE[0] as f32, MENU_SIZE[1] as f32) / PIXELS_PER_POINT;
+    let mut raw = RawInput {
+        screen_rect: Some(Rect::from_min_size(Pos2::ZERO, size)),
+        time: Some(seconds),
+        ..RawInput::default()
+    };
+    let pointer = events.pointer.map(|[u, v]| Pos2::new(u * size.x, v * size.y));
+    match pointer {
+        Some(at) => raw.events.push(Event::PointerMoved(at)),
+        None if before.is_some() => raw.events.push(Event::PointerGone),
+        None => {}
+    }
+    let button = |pressed, pos| Event::PointerButton {
+        pos,
+        button: PointerButton::Primary,
+        pressed,
+        modifiers: egui::Modifiers::default(),
+    };
+    if let (true, Some(at)) = (events.pressed, pointer) {
+        raw.events.push(button(true, at));
+    }
+    if let (true, Some(at)) = (events.released, pointer.or(before)) {
+        raw.events.push(button(false, at));
+    }
+    (raw, pointer)
+}
+
+/// A context that reads well at a metre.
+pub fn context() -> Context {
+    let context = Context::default();
+    context.set_pixels_per_point(PIXELS_PER_POINT);
+    context.all_styles_mut(|style| {
+        for font in style.text_styles.values_mut() {
+            font.size *= 1.25;
+        }
+        style.spacing.item_spacing = vec2(8.0, 8.0);
+        style.spacing.button_padding = vec2(10.0, 6.0);
+    });
+    context
+}
+
+/// Lays the panel out; returns what was asked for.
+pub fn show(ui: &mut Ui, facts: &MenuFacts<'_>, comfort: &Comfort) -> Vec<MenuCommand> {
+    let mut commands = Vec::new();
+    ui.horizontal(|ui| {
+        ui.heading(RichText::new(if facts.scene.is_empty() { "Motes" } else { facts.scene }).strong());
+        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+            let exit = Button::new(RichText::new("Exit").strong());
+            if ui.add(exit).clicked() {
+                commands.push(MenuCommand::Exit);
+            }
+        });
+    });
+    if let Some(part) = facts.loading {
+        ui.add(egui::ProgressBar::new(part).text(format!("loading, {:.0} %", part * 100.0)));
+    }
+    if !facts.problem.is_empty() {
+        ui.colored_label(egui::Color32::from_rgb(255, 140, 100), facts.problem);
+    }
+    ui.separator();
+    let r = &facts.report;
+    ui.label(format!("{} splats, {} drawn, {:.1} layers a pixel", facts.splats, r.visible, r.layers()));
+    ui.label(format!(
+        "{:.1} ms a frame ({:.0} Hz), {:.1} ms on the device",
+        facts.frame_seconds * 1e3,
+        1.0 / facts.frame_seconds.max(1e-3),
+        r.device_ns() / 1e6
+    ));
+    ui.separator();
+    ui.horizontal_wrapped(|ui| {
+        ui.label("Quality");
+        for (i, preset) in PRESETS.iter().enumerate() {
+            if ui.button(preset.name).on_hover_text(preset.about).clicked() {
+                commands.push(MenuCommand::Preset(i));
+            }
+        }
+    });
+    ui.horizontal_wrapped(|ui| {
+        ui.label("Turn by");
+        for degrees in [0.0, 15.0, 30.0, 45.0, 90.0] {
+            let text = if degrees == 0.0 { "smooth".to_owned() } else { format!("{degrees:.0}°") };
+            if ui.selectable_label(comfort.snap_degrees == degrees, text).clicked() {
+                commands.push(MenuCommand::Comfort(Comfort { snap_degrees: degrees, ..*comfort }));
+            }
+        }
+    });
+    ui.horizontal_wrapped(|ui| {
+        ui.label("Dark rim");
+        for (text, vignette) in [("off", 0.0), ("some", 0.3), ("more", 0.6), ("most", 1.0)] {
+            if ui.selectable_label(comfort.vignette == vignette, text).clicked() {
+                commands.push(MenuCommand::Comfort(Comfort { vignette, ..*comfort }));
+            }
+        }
+    });
+    if let Some(settings) = facts.settings {
+        ui.horizontal_wrapped(|ui| {
+            ui.label("Up is");
+            for name in ["+y", "-y", "+z", "-z", "+x", "-x"] {
+                let Some(axis) = Axis::from_name(name) else { continue };
+                let chosen = settings.orientation == Orientation::Up(axis);
+                if ui.selectable_label(chosen, name).clicked() {
+                    commands.push(MenuCommand::Up(axis));
+                }
+            }
+        });
+        ui.horizontal_wrapped(|ui| {
+            ui.label(format!("A unit is {:.3} m", settings.scale));
+            for (text, factor) in [("÷ 10", 0.1), ("÷ 1.1", 1.0 / 1.1), ("× 1.1", 1.1), ("× 10", 10.0)] {
+                if ui.button(text).clicked() {
+                    commands.push(MenuCommand::Scale(settings.scale * factor));
+                }
+            }
+            if ui.button("Save").clicked() {
+                commands.push(MenuCommand::Save);
+            }
+        });
+    }
+    ui.separator();
+    ui.horizontal(|ui| {
+        if ui.button("Recentre").clicked() {
+            commands.push(MenuCommand::Recentre);
+        }
+        if ui.button("Reset the world").clicked() {
+            commands.push(MenuCommand::Reset);
+        }
+    });
+    commands
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a test may")]
+mod tests {
+    use super::*;
+
+    /// Runs a frame of the panel with the hands doing something.
+    fn frame(context: &Context, events: PanelEvents, at: &mut Option<Pos2>) -> Vec<MenuCommand> {
+        let (raw, pointer) = input(&events, 0.0, *at);
+        *at = pointer;
+        let settings = Settings::default();
+        let facts = MenuFacts { scene: "plant", settings: Some(&settings), ..MenuFacts::default() };
+        let mut commands = Vec::new();
+        let _ = context.run_ui(raw, |ui| commands = show(ui, &facts, &Comfort::default()));
+        commands
+    }
+
+    #[test]
+    fn exit_is_in_the_upper_right_corner_and_takes_a_click() {
+        let context = context();
+        let mut at = None;
+        let pointing = |u: f32, v: f32| PanelEvents { pointer: Some([u, v]), ..Default::default() };
+        let mut clicks = |u, v| {
+            let mut found = Vec::new();
+            for (pressed, released) in [(false, false), (true, false), (false, true), (false, false)] {
+                found.extend(frame(&context, PanelEvents { pressed, released, ..pointing(u, v) }, &mut at));
+            }
+            found
+        };
+        assert_eq!(clicks(0.95, 0.045), [MenuCommand::Exit]);
+        assert_eq!(clicks(0.5, 0.99), [], "nothing is there");
+        assert_eq!(frame(&context, pointing(0.95, 0.045), &mut at), [], "pointing alone does nothing");
+    }
+}
