@@ -113,6 +113,8 @@ pub struct Animation {
     partial: PathBuf,
     writer: Option<png::Writer<BufWriter<File>>>,
     count: u32,
+    /// Pictures so far.
+    written: u32,
     fps: u16,
 }
 
@@ -121,7 +123,7 @@ impl Animation {
     pub fn new(path: &Path, count: u32, fps: u16) -> Self {
         let mut partial = path.as_os_str().to_owned();
         partial.push(".part");
-        Self { path: path.to_owned(), partial: partial.into(), writer: None, count, fps }
+        Self { path: path.to_owned(), partial: partial.into(), writer: None, count, written: 0, fps }
     }
 
     fn problem(&self, error: png::EncodingError) -> CommandError {
@@ -150,9 +152,10 @@ impl Animation {
         }
         let bytes = picture.to_rgb8();
         match self.writer.as_mut().map(|w| w.write_image_data(&bytes)) {
-            Some(Err(e)) => Err(self.problem(e)),
-            _ => Ok(()),
+            Some(Err(e)) => return Err(self.problem(e)),
+            _ => self.written += 1,
         }
+        Ok(())
     }
 
     /// Ends the file and gives it its name.
@@ -160,6 +163,10 @@ impl Animation {
     /// # Errors
     /// The disk is full, or there are fewer pictures than announced.
     pub fn finish(mut self) -> Result<(), CommandError> {
+        if self.written != self.count {
+            let what = format!("{} pictures of {} were made: no animation", self.written, self.count);
+            return Err(CommandError::Io { path: self.path.clone(), source: std::io::Error::other(what) });
+        }
         if let Some(writer) = self.writer.take() {
             writer.finish().map_err(|e| self.problem(e))?;
         }

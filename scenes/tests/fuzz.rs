@@ -146,7 +146,7 @@ fn the_corpus_is_sound() {
         std::fs::write(&path, text).unwrap();
         assert_eq!(motes_scenes::cameras::load(&path).unwrap().len(), 1, "{text}");
     }
-    std::fs::write(folder.path().join("scene.motes.json"), SETTINGS).unwrap();
+    std::fs::write(folder.path().join("scene.ply.motes.json"), SETTINGS).unwrap();
     let settings = motes_scenes::settings::Settings::load(&folder.path().join("scene.ply"));
     assert_eq!(settings.unwrap().unwrap().views.len(), 1);
     assert!(catch_unwind(|| panic!("on purpose")).is_err());

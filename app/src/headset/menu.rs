@@ -193,7 +193,8 @@ mod tests {
         let settings = Settings::default();
         let facts = MenuFacts { scene: "plant", settings: Some(&settings), ..MenuFacts::default() };
         let mut commands = Vec::new();
-        let _ = context.run_ui(raw, |ui| commands = show(ui, &facts, &Comfort::default()));
+        let mut output = context.run_ui(raw, |ui| commands = show(ui, &facts, &Comfort::default()));
+        output.textures_delta.clear();
         commands
     }
 

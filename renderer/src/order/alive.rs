@@ -41,6 +41,9 @@ impl AliveIndex {
     pub fn new(splats: &Splats) -> Option<Self> {
         splats.motion.as_ref()?;
         let n = splats.len();
+        if n == 0 {
+            return None;
+        }
         let supports: Vec<_> = (0..n).map(|i| support(splats, i)).collect();
         let most = (ENTRIES_PER_SPLAT * n).min(MOST_ENTRIES);
         let mut lists = MOST_LISTS;

@@ -620,5 +620,5 @@ fn the_trainers_options_are_the_configurations() {
     assert_eq!(options.projection, inria.projection);
     assert_eq!(options.order, inria.order);
     assert!((options.near - inria.near).abs() < 1e-6 && options.near_fade == 0.0);
-    assert_eq!(options.reach, Reach::Rule(RadiusRule::Full));
+    assert_eq!(options.reach, Reach::TrainerTiles);
 }

@@ -37,8 +37,9 @@ impl Renderer {
         let device = self.gpu.device();
         let groups = splats.div_ceil(BLOCK);
         let between = vk::MemoryBarrier::default()
-            .src_access_mask(vk::AccessFlags::SHADER_WRITE | vk::AccessFlags::TRANSFER_WRITE)
+            .src_access_mask(vk::AccessFlags::SHADER_WRITE)
             .dst_access_mask(vk::AccessFlags::SHADER_READ | vk::AccessFlags::SHADER_WRITE);
+        let filled = between.src_access_mask(vk::AccessFlags::SHADER_WRITE | vk::AccessFlags::TRANSFER_WRITE);
         let after =
             vk::MemoryBarrier::default().src_access_mask(vk::AccessFlags::SHADER_WRITE).dst_access_mask(
                 vk::AccessFlags::SHADER_READ
@@ -61,7 +62,7 @@ impl Renderer {
             device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::COMPUTE, project);
             device.cmd_dispatch(commands, groups, 1, 1);
             let written = compute | vk::PipelineStageFlags::TRANSFER;
-            device.cmd_pipeline_barrier(commands, written, compute, none, &[between], &[], &[]);
+            device.cmd_pipeline_barrier(commands, written, compute, none, &[filled], &[], &[]);
             device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::COMPUTE, plan);
             device.cmd_dispatch(commands, 1, 1, 1);
             device.cmd_pipeline_barrier(commands, compute, compute, none, &[between], &[], &[]);
