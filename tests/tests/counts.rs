@@ -4,7 +4,7 @@
 
 use glam::DVec3;
 use motes_renderer::{
-    Composite, Expansion, Fov, FrameReport, Offscreen, Packing, Precision, QuadShape, RadiusRule,
+    Composite, Expansion, Fov, FrameReport, LowPass, Offscreen, Packing, Precision, QuadShape, RadiusRule,
     RenderConfig, SceneOnDevice, Stereo, Traffic, Upscale, View,
 };
 use motes_scenes::synthetic::Recipe;
@@ -59,22 +59,22 @@ fn calls_and_passes_of_a_frame() {
         (r.draws, r.passes, r.dispatches)
     };
     let all = every_layer();
-    // All splats in one call, and the resolve. Three dispatches prepare: project, plan, emit.
-    assert_eq!(calls(&one, &all, Stereo::Multiview), (2, 1, 3));
+    // All splats in one call, and the resolve. Four dispatches prepare: project, plan, emit, schedule.
+    assert_eq!(calls(&one, &all, Stereo::Multiview), (2, 1, 4));
     let instanced = RenderConfig { expansion: Expansion::Instanced, ..all.clone() };
     assert_eq!(calls(&one, &instanced, Stereo::Multiview), (2, 1, 0));
     // Both eyes cost no further call in one pass, and all of it again in two.
-    assert_eq!(calls(&two, &all, Stereo::Multiview), (2, 1, 3));
-    assert_eq!(calls(&two, &all, Stereo::TwoPass), (4, 2, 3));
+    assert_eq!(calls(&two, &all, Stereo::Multiview), (2, 1, 4));
+    assert_eq!(calls(&two, &all, Stereo::TwoPass), (4, 2, 4));
     // Early stop: a call a batch, a mark between two, the resolve.
     for batches in [2, 8] {
         let stop = RenderConfig { batches, ..Default::default() };
-        assert_eq!(calls(&one, &stop, Stereo::Multiview), (2 * batches, 1, 3));
+        assert_eq!(calls(&one, &stop, Stereo::Multiview), (2 * batches, 1, 4));
     }
     // A reduced resolution adds one pass with one call, which replaces the resolve.
     for upscale in [Upscale::Bilinear, Upscale::Interleaved] {
         let reduced = RenderConfig { resolution_scale: 0.5, upscale, ..all.clone() };
-        assert_eq!(calls(&one, &reduced, Stereo::Multiview), (2, 2, 3), "{upscale}");
+        assert_eq!(calls(&one, &reduced, Stereo::Multiview), (2, 2, 4), "{upscale}");
     }
 }
 
@@ -160,10 +160,17 @@ fn fragments_of_a_frame() {
         let more = bench.shaded(&RenderConfig { radius, ..every_layer() });
         assert!(more > 1.01 * BUDGET, "{radius}: {more}");
     }
-    // Half the side, a quarter of the fragments.
-    let reduced = RenderConfig { resolution_scale: 0.5, upscale: Upscale::Bilinear, ..every_layer() };
-    let quarter = bench.shaded(&reduced);
-    assert!((quarter / octagon - 0.25).abs() < 0.02, "{}", quarter / octagon);
+    // Half the side, a quarter of the fragments; more with the low-pass filter, which is one of the rendered pixels.
+    let sharp = RenderConfig { low_pass: LowPass::Off, ..every_layer() };
+    let halved = |config: &RenderConfig| RenderConfig {
+        resolution_scale: 0.5,
+        upscale: Upscale::Bilinear,
+        ..config.clone()
+    };
+    let quarter = bench.shaded(&halved(&sharp)) / bench.shaded(&sharp);
+    assert!((quarter - 0.25).abs() < 0.03, "{quarter}");
+    let filtered = bench.shaded(&halved(&every_layer())) / octagon;
+    assert!(filtered > quarter + 0.05, "{filtered}");
 }
 
 /// Fragments of splats that the default draws of the scene above without early stop.

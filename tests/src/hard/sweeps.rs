@@ -162,7 +162,8 @@ fn scale(s: f64) -> Setting {
 /// Without a filter, and with a lens that keeps the splat 5 px large.
 fn scale_magnified(s: f64) -> Setting {
     let g = Gaussian { scales: [1.0, 0.3, 0.6].map(|k| k * s as f32), ..Gaussian::tilted() };
-    let half = 3.0 * s / 2.0;
+    // No view is wider than tangents of 1000.
+    let half = (3.0 * s / 2.0).min(1e3);
     let view = View { fov: Fov { left: -half, right: half, up: -half, down: half }, ..ahead(SIZE, 60.0) };
     Setting { low_pass: LowPass::Off, ..planar(&[g.at([0.0, 0.0, 2.0])], view) }
 }
