@@ -2,6 +2,7 @@
 
 use crate::gpu::{Gpu, GpuError};
 use ash::vk;
+use motes_shaders::layout::MAX_BATCHES;
 use std::sync::Arc;
 
 fn call<T>(result: Result<T, vk::Result>, call: &'static str) -> Result<T, GpuError> {
@@ -27,9 +28,9 @@ pub struct FrameReport {
     pub vertices: u64,
     /// Primitives that reached the rasteriser.
     pub primitives: u64,
-    /// Fragment-stage invocations: splats, and the marks of early stop.
+    /// Fragment-stage invocations of splats; some drivers leave out fragments that end early.
     pub fragments: u64,
-    /// Fragments of the marks among them.
+    /// Pixels of the passes over whole images that mark what is finished.
     pub full_screen_fragments: u64,
     /// Splats drawn (precomputed expansion).
     pub visible: u32,
@@ -55,11 +56,13 @@ impl FrameReport {
 
     /// Fragments of splats per rendered pixel.
     pub fn layers(&self) -> f64 {
-        self.fragments.saturating_sub(self.full_screen_fragments) as f64 / self.pixels.max(1) as f64
+        self.fragments as f64 / self.pixels.max(1) as f64
     }
 }
 
 const STAMPS: u32 = 4;
+/// Statistics of a frame: each batch of each view by itself, so that the marks between batches are not among them.
+const MOST_STATISTICS: u32 = 2 * MAX_BATCHES as u32;
 /// Queries that one measurement takes. One would do, outside of multiview passes; but lavapipe (seen in 25.0.7) goes
 /// on counting one per view of the pass before, and writes past the pool's end.
 const SPACING: u32 = 2;
@@ -69,7 +72,7 @@ pub(crate) struct Queries {
     gpu: Arc<Gpu>,
     stamps: vk::QueryPool,
     statistics: vk::QueryPool,
-    /// Views whose statistics were taken in this frame.
+    /// Statistics that were taken in this frame.
     counted: u32,
 }
 
@@ -95,7 +98,7 @@ impl Queries {
                 | vk::QueryPipelineStatisticFlags::FRAGMENT_SHADER_INVOCATIONS;
             let info = vk::QueryPoolCreateInfo::default()
                 .query_type(vk::QueryType::PIPELINE_STATISTICS)
-                .query_count(2)
+                .query_count(MOST_STATISTICS)
                 .pipeline_statistics(what);
             // SAFETY: `info` is complete.
             queries.statistics =
@@ -112,7 +115,7 @@ impl Queries {
                 self.gpu.device().cmd_reset_query_pool(commands, self.stamps, 0, STAMPS * SPACING);
             }
             if self.statistics != vk::QueryPool::null() {
-                self.gpu.device().cmd_reset_query_pool(commands, self.statistics, 0, 2);
+                self.gpu.device().cmd_reset_query_pool(commands, self.statistics, 0, MOST_STATISTICS);
             }
         }
     }
@@ -131,10 +134,11 @@ impl Queries {
         }
     }
 
-    /// Begins counting for the views of a pass, `first ..`; inside the subpass that draws splats. A multiview pass
-    /// takes one query a view.
-    pub fn begin_statistics(&mut self, commands: vk::CommandBuffer, first: u32, views: u32) {
-        self.counted = first + views;
+    /// Begins counting for the views of a pass; inside the subpass that draws splats. A multiview pass takes one query a
+    /// view.
+    pub fn begin_statistics(&mut self, commands: vk::CommandBuffer, views: u32) {
+        let first = self.counted;
+        self.counted += views;
         if self.statistics != vk::QueryPool::null() {
             // SAFETY: ended by `end_statistics` in the same subpass.
             unsafe {
@@ -149,7 +153,8 @@ impl Queries {
     }
 
     /// Ends what [`Queries::begin_statistics`] began.
-    pub fn end_statistics(&self, commands: vk::CommandBuffer, first: u32) {
+    pub fn end_statistics(&self, commands: vk::CommandBuffer, views: u32) {
+        let first = self.counted - views;
         if self.statistics != vk::QueryPool::null() {
             // SAFETY: begun by `begin_statistics`.
             unsafe { self.gpu.device().cmd_end_query(commands, self.statistics, first) };
@@ -178,8 +183,8 @@ impl Queries {
             report.draw_ns = ns(2, 3);
         }
         if self.statistics != vk::QueryPool::null() {
-            let mut counts = [[0u64; 3]; 2];
-            let counts = &mut counts[..self.counted.min(2) as usize];
+            let mut counts = [[0u64; 3]; MOST_STATISTICS as usize];
+            let counts = &mut counts[..self.counted.min(MOST_STATISTICS) as usize];
             let flags = vk::QueryResultFlags::TYPE_64;
             // SAFETY: as above, and as many queries were ended.
             let read = unsafe { device.get_query_pool_results(self.statistics, 0, counts, flags) };

@@ -48,7 +48,7 @@ impl Traffic {
             TargetFormat::Rgba8 | TargetFormat::Rgb10A2 => 4,
         };
         let marks = if config.composite == Composite::EarlyStop { report.full_screen_fragments } else { 0 };
-        let shaded = report.fragments.saturating_sub(marks);
+        let shaded = report.fragments;
         Self {
             uploaded: report.uploaded_bytes,
             scene,

@@ -202,7 +202,7 @@ fn outcome(
     let shaded = all(errors, |e| e.layers.map(|l| l[0]));
     let layers = full_screen
         + shaded.unwrap_or_else(|| {
-            count(&|f| match f.report.fragments.saturating_sub(f.report.full_screen_fragments) {
+            count(&|f| match f.report.fragments {
                 0 => f64::from(f.report.predicted_fragments) / pixels(f),
                 counted => counted as f64 / pixels(f),
             })

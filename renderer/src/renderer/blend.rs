@@ -95,8 +95,8 @@ impl Renderer {
             device.cmd_bind_descriptor_sets(commands, graphics, layout, 0, sets, &[]);
             device.cmd_bind_index_buffer(commands, indices, 0, vk::IndexType::UINT16);
             let counted = if pass.view_mask == 0 { 1 } else { 2 };
-            self.slots[slot].queries.begin_statistics(commands, layer_index, counted);
             for batch in 0..batches {
+                self.slots[slot].queries.begin_statistics(commands, counted);
                 device.cmd_bind_pipeline(commands, graphics, splats);
                 let [first, last] = [batch, batch + 1]
                     .map(|b| (u64::from(self.ordered) * u64::from(b) / u64::from(batches)) as u32);
@@ -120,6 +120,7 @@ impl Renderer {
                     }
                     Expansion::Geometry => device.cmd_draw(commands, last - first, 1, 0, 0),
                 }
+                self.slots[slot].queries.end_statistics(commands, counted);
                 if let Some(mark) = mark
                     && batch + 1 < batches
                 {
@@ -129,7 +130,6 @@ impl Renderer {
                     device.cmd_draw(commands, 3, 1, 0, 0);
                 }
             }
-            self.slots[slot].queries.end_statistics(commands, layer_index);
             let Some(resolve) = resolve else {
                 device.cmd_end_render_pass(commands);
                 return self.record_upscale(slot, request, reduction, pass.view_mask, layer, sets[0]);
