@@ -5,9 +5,10 @@
 //! spherical harmonics, gets the buffer and the shader for it because its statement says so. What a plan leaves out
 //! changes pictures by no more than [`Plan::BOUND_DB`] allows.
 
-use crate::config::{Precision, Projection, RenderConfig, ShPrecision};
+use crate::config::{Axis, Precision, Projection, RenderConfig, ShPrecision};
 use crate::packing::{LOG_SCALE_RANGE, Packing};
 use motes_scenes::statement::{Histogram, Statement};
+use motes_shaders::layout::{GEOMETRY_WORDS_F32, MOTION_WORDS_F32, sh_words};
 use std::fmt;
 
 /// A band is left out where fewer than this share of the splats show 1/255 of it, …
@@ -41,6 +42,8 @@ pub enum Topic {
 pub struct Decision {
     /// About what.
     pub topic: Topic,
+    /// Whether the effect is there at all: the buffer, the compact form, the correction.
+    pub on: bool,
     /// What was chosen, as on the command line.
     pub choice: String,
     /// Why, with the figure that decided.
@@ -92,11 +95,15 @@ impl Plan {
     /// Pictures by plan and with everything switched on are at least this alike, dB.
     pub const BOUND_DB: f64 = 45.0;
 
+    /// Bytes that each splat takes where every buffer exists in full precision, whatever the scene: geometry, three
+    /// degrees of harmonics, motion.
+    pub const FULL_BYTES: u64 = 4 * (GEOMETRY_WORDS_F32 + sh_words(3, 32) + MOTION_WORDS_F32) as u64;
+
     /// Decides for a scene.
     pub fn of(statement: &Statement, overrides: &Overrides) -> Self {
         let mut decisions = Vec::new();
-        let mut decide = |topic, choice: String, reason: String, bytes_per_splat, overridden| {
-            decisions.push(Decision { topic, choice, reason, bytes_per_splat, overridden });
+        let mut decide = |topic, on, choice: String, reason: String, bytes_per_splat, overridden| {
+            decisions.push(Decision { topic, on, choice, reason, bytes_per_splat, overridden });
         };
 
         let seen = |b: &&motes_scenes::statement::Band| b.visible >= BAND_VISIBLE || b.rms >= BAND_RMS;
@@ -119,6 +126,7 @@ impl Plan {
         let choice = if motion { "moving" } else { "still" };
         decide(
             Topic::Motion,
+            motion,
             choice.into(),
             reason,
             if motion { 4 * packing.motion_words() as u64 } else { 0 },
@@ -138,9 +146,9 @@ impl Plan {
             }
             _ => bands.join(", "),
         };
-        decide(Topic::Harmonics, sh_degree.to_string(), reason, 0, overrides.sh_degree.is_some());
-        let bytes = 4 * packing.sh_words() as u64;
-        if sh_degree > 0 {
+        let (on, asked) = (sh_degree > 0, overrides.sh_degree.is_some());
+        decide(Topic::Harmonics, on, sh_degree.to_string(), reason, 0, asked);
+        if on {
             let reason = match sh_precision {
                 ShPrecision::U8 => {
                     "bytes over a scale per splat: an error of 1/254 of its largest coefficient"
@@ -148,8 +156,9 @@ impl Plan {
                 ShPrecision::F16 => "half floats: an error of 1/2048 of each coefficient",
                 ShPrecision::F32 => "as in the file",
             };
-            let asked = overrides.sh_precision.is_some();
-            decide(Topic::HarmonicsStorage, sh_precision.to_string(), reason.into(), bytes, asked);
+            let (compact, asked) = (sh_precision != ShPrecision::F32, overrides.sh_precision.is_some());
+            let bytes = 4 * packing.sh_words() as u64;
+            decide(Topic::HarmonicsStorage, compact, sh_precision.to_string(), reason.into(), bytes, asked);
         }
 
         let largest = statement.size.max;
@@ -162,7 +171,8 @@ impl Plan {
             Precision::F16Naive => "to show what half floats do to covariances".to_owned(),
         };
         let bytes = 4 * packing.geometry_words() as u64;
-        decide(Topic::Precision, precision.to_string(), reason, bytes, overrides.precision.is_some());
+        let (compact, asked) = (precision != Precision::F32, overrides.precision.is_some());
+        decide(Topic::Precision, compact, precision.to_string(), reason, bytes, asked);
 
         let wide = wide_share(statement);
         let fitting = if wide >= WIDE_SHARE { Projection::Tangent } else { Projection::Affine };
@@ -173,7 +183,8 @@ impl Plan {
             100.0 * wide,
             NARROW.to_degrees()
         );
-        decide(Topic::Projection, projection.to_string(), reason, 0, overrides.projection.is_some());
+        let (corrected, asked) = (projection != Projection::Affine, overrides.projection.is_some());
+        decide(Topic::Projection, corrected, projection.to_string(), reason, 0, asked);
         Self { packing, motion, projection, decisions }
     }
 
@@ -211,11 +222,11 @@ fn wide_share(statement: &Statement) -> f64 {
 impl fmt::Display for Plan {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for d in &self.decisions {
-            let name = d.topic.name();
+            let (name, on) = (d.topic.name(), if d.on { "on" } else { "off" });
             let asked = if d.overridden { " (asked for)" } else { "" };
-            writeln!(f, "  {name:18} {:10} {:3} B  {}{asked}", d.choice, d.bytes_per_splat, d.reason)?;
+            writeln!(f, "  {name:18} {on:3}  {:9} {:4} B  {}{asked}", d.choice, d.bytes_per_splat, d.reason)?;
         }
-        writeln!(f, "  {:18} {:10} {:3} B  a splat on the device", "together", "", self.bytes_per_splat())
+        writeln!(f, "  {:18} {:3}  {:9} {:4} B  a splat on the device", "together", "", "", self.bytes_per_splat())
     }
 }
 
@@ -225,9 +236,21 @@ impl Topic {
         match self {
             Self::Motion => "motion",
             Self::Harmonics => "harmonics",
-            Self::HarmonicsStorage => "harmonics storage",
-            Self::Precision => "precision",
-            Self::Projection => "projection",
+            Self::HarmonicsStorage => "compact harmonics",
+            Self::Precision => "compact geometry",
+            Self::Projection => "wide projection",
+        }
+    }
+
+    /// The option that decides it regardless of the scene, as on the command line; `None` where nobody can: a scene
+    /// that does not move has no motion to switch on, and one that moves is wrong without.
+    pub fn option(self) -> Option<&'static str> {
+        match self {
+            Self::Motion => None,
+            Self::Harmonics => Some("sh-degree"),
+            Self::HarmonicsStorage => Some(ShPrecision::NAME),
+            Self::Precision => Some(Precision::NAME),
+            Self::Projection => Some(Projection::NAME),
         }
     }
 }

@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a test may")]
 
 use glam::DVec3;
+use motes_desktop::commands::plan::PlanReport;
 use motes_renderer::plan::{Overrides, Plan, Topic};
 use motes_renderer::{Fov, Offscreen, Projection, RenderConfig, SceneOnDevice, View};
 use motes_scenes::statement::Statement;
@@ -181,4 +182,37 @@ fn what_somebody_asks_for_goes_before_what_the_scene_calls_for() {
         assert!(!d.reason.is_empty());
     }
     assert!(plan.to_string().contains("(asked for)"));
+}
+
+/// `motes info --plan`, as text and as JSON: a plain scene's effects are off, and come back with what they need.
+#[test]
+fn the_plan_is_printed_with_what_it_saves() {
+    let report = |scene: &Scene| PlanReport::of(scene, &Statement::of(scene), &Overrides::default());
+    let on = |report: &PlanReport, topic| {
+        report.effects.iter().find(|e| e.decision.topic == topic).map(|e| e.decision.on)
+    };
+    let plain = scene(Recipe { count: 400, ..Default::default() }.still());
+    let plain = report(&plain);
+    assert_eq!(on(&plain, Topic::Motion), Some(false));
+    assert_eq!(on(&plain, Topic::Harmonics), Some(false));
+    assert!(plain.bytes < plain.bytes_switched_on && plain.bytes_switched_on < plain.bytes_of_every_buffer);
+    let text = plain.to_string();
+    println!("{text}");
+    for part in ["motion", "off", "--sh-degree overrides", "neither buffer nor instruction", "--precision f16"] {
+        assert!(text.contains(part), "{part}");
+    }
+
+    // Control: the same splats with a band of harmonics, and with motion, get both back, and their bytes.
+    let coloured = Recipe { count: 400, sh_degree: 2, ..Default::default() }.still();
+    let mut moving = Scene { splats: coloured.clone(), ..Default::default() };
+    let coloured = report(&scene(coloured));
+    assert_eq!((on(&coloured, Topic::Harmonics), on(&coloured, Topic::Motion)), (Some(true), Some(false)));
+    animate(&mut moving.splats, &animation(), 1);
+    let moving = report(&moving);
+    assert_eq!((on(&moving, Topic::Harmonics), on(&moving, Topic::Motion)), (Some(true), Some(true)));
+    assert!(plain.bytes < coloured.bytes && coloured.bytes < moving.bytes);
+    let json = serde_json::to_value(&moving).unwrap();
+    let motion = json["effects"].as_array().unwrap().iter().find(|e| e["topic"] == "motion").unwrap();
+    assert!(motion["on"] == true && motion["option"].is_null() && motion["bytes_per_splat"].as_u64() > Some(0));
+    assert_eq!(json["bytes"].as_u64(), Some(moving.bytes));
 }

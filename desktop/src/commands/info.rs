@@ -9,6 +9,7 @@ use motes_renderer::{Axis, Packing, Precision, ShPrecision};
 use motes_scenes::statement::Statement;
 use motes_scenes::{LoadOptions, Splats};
 
+use crate::commands::plan::{PlanArgs, PlanReport};
 use crate::error::CommandError;
 
 /// State what is in a scene: counts, bounds, histograms, settings, bytes
@@ -22,6 +23,8 @@ pub struct InfoArgs {
     /// Print JSON
     #[arg(long)]
     pub json: bool,
+    #[command(flatten)]
+    pub plan: PlanArgs,
 }
 
 /// Bytes that a scene takes on the device in one packing.
@@ -56,14 +59,18 @@ pub fn run(args: &InfoArgs) -> Result<(), CommandError> {
     let opened = Opened::load(&args.scenes, &options)?;
     let statement = Statement::of(&opened.scene);
     let device = on_device(&opened.scene.splats);
+    let plan = args.plan.plan.then(|| PlanReport::of(&opened.scene, &statement, &args.plan.overrides()));
     let text = if args.json {
-        let json = serde_json::json!({
+        let mut json = serde_json::json!({
             "statement": statement,
             "settings": opened.settings.to_json(),
             "settings_found": opened.settings_found,
             "on_device": device,
             "cameras": opened.cameras.len(),
         });
+        if let Some(plan) = &plan {
+            json["plan"] = serde_json::to_value(plan).map_err(|e| CommandError::Print(e.into()))?;
+        }
         format!("{json:#}\n")
     } else {
         let mut text = statement.to_string();
@@ -78,6 +85,9 @@ pub fn run(args: &InfoArgs) -> Result<(), CommandError> {
             let name = format!("{}{harmonics}", d.precision);
             let (mega, each) = (d.bytes as f64 / 1e6, each(d.bytes));
             let _ = writeln!(text, "  {name:28} {mega:9.2} MB   {each:6.1} bytes a splat");
+        }
+        if let Some(plan) = &plan {
+            text.push_str(&plan.to_string());
         }
         let settings = serde_json::Value::Object(opened.settings.to_json());
         let found = if opened.settings_found { "beside the scene" } else { "assumed" };

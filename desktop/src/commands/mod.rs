@@ -5,6 +5,7 @@ pub mod bench;
 pub mod compare;
 pub mod golden;
 pub mod info;
+pub mod plan;
 pub mod render;
 pub mod view;
 pub mod xr;
