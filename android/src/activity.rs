@@ -42,6 +42,7 @@ fn visit(app: &AndroidApp) -> Result<Visit, ShowError> {
         source: SceneSource::Files(scene(folder.as_deref()).into_iter().collect()),
         packing: Packing::of_config(&config),
         comfort: settings.comfort,
+        budget: settings.budget,
         session: SessionOptions {
             resolution_scale: config.resolution_scale,
             left_handed: settings.comfort.left_handed,

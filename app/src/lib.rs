@@ -2,6 +2,7 @@
 
 pub mod eye;
 pub mod framing;
+pub mod governor;
 pub mod headset;
 pub mod loader;
 pub mod opened;

@@ -6,6 +6,7 @@ use motes_renderer::{CHOICES, Choice, Kind, PRESETS, RenderConfig};
 use motes_scenes::settings::{Axis, Orientation};
 
 use crate::eye::EyeMode;
+use crate::governor::{Budget, Governor, LADDER};
 use crate::time::{Repeat, TimeControl};
 use crate::viewer::{Command, Figures, Stage, Viewer};
 
@@ -16,6 +17,9 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer, figures: &Figures, device: &str) -
         head(ui, viewer, &mut commands);
         figures_table(ui, viewer, figures, device);
         CollapsingHeader::new("View").default_open(true).show(ui, |ui| view(ui, viewer, &mut commands));
+        CollapsingHeader::new("Overdraw budget")
+            .default_open(true)
+            .show(ui, |ui| budget(ui, &mut viewer.governor));
         if viewer.stage.is_some() {
             CollapsingHeader::new("Scene").show(ui, |ui| scene(ui, viewer));
         }
@@ -140,6 +144,32 @@ fn time(ui: &mut Ui, control: &mut TimeControl, shown: &mut f32) {
             }
         }
     });
+}
+
+/// The budget, what frames take of it, and which step is in force.
+fn budget(ui: &mut Ui, governor: &mut Option<Governor>) {
+    ui.horizontal(|ui| {
+        let mut held = governor.is_some();
+        if ui.checkbox(&mut held, "hold").changed() {
+            *governor = held.then(|| Governor::new(Budget::QUEST_3));
+        }
+        let Some(governor) = governor else { return };
+        let mut limit = governor.budget().limit();
+        let suffix = format!(" {}", governor.unit());
+        let value = DragValue::new(&mut limit).range(0.1..=1000.0).speed(0.1).max_decimals(1).suffix(suffix);
+        if ui.add(value).changed() {
+            governor.set_budget(match governor.budget() {
+                Budget::Layers(_) => Budget::Layers(limit),
+                Budget::Milliseconds(_) => Budget::Milliseconds(limit),
+            });
+        }
+    });
+    let Some(governor) = governor else { return };
+    let step = governor.step().map_or("as asked for".to_owned(), |step| step.to_string());
+    ui.label(format!("{:.1} taken; step {} of {}: {step}", governor.cost(), governor.level(), LADDER.len()));
+    if governor.is_beyond() {
+        ui.colored_label(ui.visuals().warn_fg_color, "more than the last step can hold");
+    }
 }
 
 fn scene(ui: &mut Ui, viewer: &mut Viewer) {

@@ -13,6 +13,7 @@ use motes_scenes::settings::Settings;
 
 use crate::eye::{Eye, EyeMode, EyeMotion};
 use crate::framing::Framing;
+use crate::governor::Governor;
 use crate::loader::{LoadError, Loaded, Loader, Loading};
 use crate::opened::Opened;
 use crate::time::TimeControl;
@@ -59,6 +60,8 @@ pub struct Stage {
 pub struct Viewer {
     /// How frames are drawn; lengths in metres.
     pub config: RenderConfig,
+    /// Holds a budget by drawing less exactly than `config` says, where there is one.
+    pub governor: Option<Governor>,
     /// From where.
     pub eye: Eye,
     /// Both eyes.
@@ -92,6 +95,7 @@ impl Viewer {
         let framing = Framing { center: DVec3::ZERO, radius: 1.0, up: DVec3::NEG_Y };
         Self {
             config,
+            governor: None,
             eye: Eye::of(&framing, EyeMode::Orbit, VERTICAL_FOV),
             stereo: false,
             eye_distance: 0.063,
@@ -130,6 +134,7 @@ impl Viewer {
         self.loading.is_some()
             || stage.scene.moving && self.time.playing()
             || stage.sorting.is_sorting()
+            || self.governor.as_ref().is_some_and(|g| !g.is_at_rest())
             || self.config.sorter == Sorter::Stochastic
             || self.config.upscale == Upscale::InterleavedTemporal && self.config.resolution_scale < 1.0
     }
@@ -280,10 +285,18 @@ impl Viewer {
         eyes(&self.eye.view([(size[0] / 2).max(1), size[1]]), self.eye_distance / scale).to_vec()
     }
 
-    /// The configuration for the renderer: lengths in scene units.
+    /// The configuration for the renderer: by the governor's step, lengths in scene units.
     pub fn frame_config(&self) -> RenderConfig {
         let scale = self.stage.as_ref().map_or(1.0, |s| s.settings.scale);
-        in_scene_units(&self.config, scale)
+        let config = self.governor.as_ref().map_or_else(|| self.config.clone(), |g| g.apply(&self.config));
+        in_scene_units(&config, scale)
+    }
+
+    /// Takes what a frame took that was drawn by [`Viewer::frame_config`].
+    pub fn govern(&mut self, report: &FrameReport) {
+        if let Some(governor) = &mut self.governor {
+            governor.observe(report, &self.config);
+        }
     }
 
     /// The scene and the newest order of its splats; asks for the order that these views want. Before the first order

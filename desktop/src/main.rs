@@ -29,7 +29,11 @@ enum Command {
 fn main() -> ExitCode {
     let Cli { command, view } = Cli::parse();
     // Which runtime, headset and extensions are in use is what users of a headset need to tell.
-    let filter = if matches!(command, Some(Command::Xr(_))) { "warn,motes_xr=info" } else { "error" };
+    let filter = match command {
+        Some(Command::Xr(_)) => "warn,motes_xr=info,motes_app::governor=info",
+        None => "error,motes_app::governor=info,motes_renderer::pipeline_cache=warn",
+        Some(_) => "error",
+    };
     env_logger::Builder::from_env(env_logger::Env::default().default_filter_or(filter)).init();
     let result = match command {
         None => view::run(&view).map_err(|e| e.to_string()),

@@ -10,9 +10,9 @@ layout(local_size_x = THREADS) in;
 layout(set = 2, binding = 5, std430) buffer PlanBuffer { Plan plan; };
 layout(set = 2, binding = 7, std430) readonly buffer Depths { uint depths[]; }; // bin, view, tile
 
-// Optical depth at which a tile counts as opaque: that of a transmittance of 1/255, and a third more, since a tile's
-// pixels do not saturate together.
-const float OPAQUE = 7.4;
+// Optical depth at which a tile counts as opaque: that of the transmittance at which pixels stop, and a third more, since
+// a tile's pixels do not saturate together. (1/255: 7.4.)
+float opaque_depth() { return -1.3355 * log(max(frame.filters.z, 1e-6)); }
 // Sums over tiles are kept in coarser steps, so that they fit.
 const uint COARSE = 6u;
 
@@ -29,6 +29,7 @@ void main() {
     all[local] = 0u;
     if (local < MAX_BATCHES) ends[local] = 0u;
     barrier();
+    float opaque = opaque_depth() * DEPTH_UNIT;
     if (batches > 1u) {
         for (uint tile = local; tile < VIEWS * TILES; tile += THREADS) {
             float through = 0.0;
@@ -36,7 +37,7 @@ void main() {
                 uint depth = min(depths[(bin * 2u) * TILES + tile], 1u << 24);
                 if (depth == 0u) continue;
                 atomicAdd(all[bin], (depth >> COARSE) + 1u);
-                if (through < OPAQUE * DEPTH_UNIT) atomicAdd(seen[bin], (depth >> COARSE) + 1u);
+                if (through < opaque) atomicAdd(seen[bin], (depth >> COARSE) + 1u);
                 through += float(depth);
             }
         }

@@ -105,6 +105,7 @@ fn a_runtime_that_comes_back_is_used_again() {
             packing: PACKING,
             config: RenderConfig::default(),
             comfort: Comfort::default(),
+            budget: None,
             session: coarse(),
             runtime: RuntimeOptions::default(),
             record: None,

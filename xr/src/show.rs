@@ -5,6 +5,7 @@ use crate::{
     Headset, Platform, Recorder, Runtime, RuntimeHeadset, RuntimeOptions, SessionOptions, SessionState,
     Viewer, XrError,
 };
+use motes_app::governor::{Budget, Governor};
 use motes_app::headset::Comfort;
 use motes_renderer::{Packing, RenderConfig};
 use std::path::PathBuf;
@@ -21,6 +22,8 @@ pub struct ShowOptions {
     pub config: RenderConfig,
     /// Comfort options.
     pub comfort: Comfort,
+    /// What a frame may take; nothing is held without.
+    pub budget: Option<Budget>,
     /// Bindings, resolution, handedness.
     pub session: SessionOptions,
     /// Validation, and whether images can be copied.
@@ -137,6 +140,7 @@ fn run(
 ) -> Result<SessionState, ShowError> {
     let mut loading = Some(Loader::start(headset.gpu(), options.source.clone(), options.packing)?);
     let mut viewer = Viewer::new(headset, options.config.clone(), options.comfort)?;
+    viewer.governor = options.budget.map(Governor::new);
     let before = visit.frames;
     let mut asked = false;
     loop {

@@ -5,6 +5,7 @@ use crate::{
     Content, FirstView, FrameTime, Headset, MOST_QUADS, Quad, RIM_CLEAR, Readback, SessionState, Step,
     Surface, XrError,
 };
+use motes_app::governor::Governor;
 use motes_app::headset::menu::{MenuCommand, MenuFacts};
 use motes_app::headset::{Comfort, Eye, Input, Locomotion, PANEL_SIZE, Panel, PanelEvents, Placement, Pose};
 use motes_app::time::TimeControl;
@@ -95,6 +96,8 @@ pub struct Viewer {
     panel: Panel,
     /// How splats are drawn. `near` and `near_fade` are metres of the stage.
     pub config: RenderConfig,
+    /// Holds a budget by drawing less exactly than `config` says, where there is one.
+    pub governor: Option<Governor>,
     /// Comfort options.
     pub comfort: Comfort,
     /// The time of a moving scene; without it `config.time` stands still.
@@ -127,6 +130,7 @@ impl Viewer {
             locomotion: None,
             panel: Panel::default(),
             config,
+            governor: None,
             comfort,
             playback: None,
             requested: None,
@@ -251,6 +255,9 @@ impl Viewer {
         times.act = clock.lap();
         // Waits for the frame before the last; poses are located after it.
         let commands = self.renderer.begin()?;
+        if let Some(governor) = &mut self.governor {
+            governor.observe(self.renderer.last_report(), &self.config);
+        }
         times.wait = clock.lap();
         self.draw_panel(headset, &commands, frame)?;
         let quads = self.quads();
@@ -276,7 +283,8 @@ impl Viewer {
         let size = headset.images().size;
         let views: [View; 2] = eyes.each_ref().map(|eye| placement.view(eye, &content.scene_to_world, size));
         let units = placement.scene_units(&content.scene_to_world) as f32;
-        let mut config = self.config.clone();
+        let mut config =
+            self.governor.as_ref().map_or_else(|| self.config.clone(), |g| g.apply(&self.config));
         config.near *= units;
         config.near_fade *= units;
         if let Some(playback) = &mut self.playback {
@@ -354,6 +362,7 @@ impl Viewer {
             frame_seconds: frame.period as f64 / 1e9,
             report: self.renderer.last_report().clone(),
             settings: about.map(|about| &about.settings),
+            governor: self.governor.as_ref(),
             problem: &self.problem,
         };
         let seconds = frame.display_time as f64 / 1e9;
@@ -381,6 +390,10 @@ impl Viewer {
             }
             MenuCommand::Preset(i) => self.take_preset(i),
             MenuCommand::Comfort(comfort) => self.comfort = comfort,
+            MenuCommand::Budget(budget) => match (budget, &mut self.governor) {
+                (Some(budget), Some(governor)) => governor.set_budget(budget),
+                (budget, governor) => *governor = budget.map(Governor::new),
+            },
             MenuCommand::Up(axis) => self.change(|settings| settings.orientation = Orientation::Up(axis)),
             MenuCommand::Scale(scale) => self.change(|settings| settings.scale = scale.clamp(1e-6, 1e6)),
             MenuCommand::Save => self.save(),

@@ -1,6 +1,7 @@
 //! What stands on the panel in the headset: figures, quality, comfort, the scene's place in the world, exit.
 
 use super::{Comfort, PanelEvents};
+use crate::governor::{Budget, Governor, LADDER};
 use egui::{Button, Context, Event, PointerButton, Pos2, RawInput, Rect, RichText, Ui, vec2};
 use motes_renderer::{FrameReport, PRESETS};
 use motes_scenes::settings::{Axis, Orientation, Settings};
@@ -9,6 +10,10 @@ use motes_scenes::settings::{Axis, Orientation, Settings};
 pub const MENU_SIZE: [u32; 2] = [960, 720];
 /// Pixels of the picture in a point of egui's.
 pub const PIXELS_PER_POINT: f32 = 2.0;
+
+/// Budgets to choose from.
+const BUDGETS: [Option<Budget>; 5] =
+    [None, Some(Budget::Layers(30.0)), Some(Budget::QUEST_3), Some(Budget::Layers(12.0)), Some(Budget::Layers(8.0))];
 
 /// What the user wants, read off the panel.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,6 +28,8 @@ pub enum MenuCommand {
     Preset(usize),
     /// Other comfort options.
     Comfort(Comfort),
+    /// Hold this budget, or none.
+    Budget(Option<Budget>),
     /// This axis of the scene is up.
     Up(Axis),
     /// Metres in a unit of the scene.
@@ -46,6 +53,8 @@ pub struct MenuFacts<'a> {
     pub report: FrameReport,
     /// How the scene stands in the world, where it is known.
     pub settings: Option<&'a Settings>,
+    /// What holds the budget, where there is one.
+    pub governor: Option<&'a Governor>,
     /// What could not be done.
     pub problem: &'a str,
 }
@@ -127,6 +136,23 @@ pub fn show(ui: &mut Ui, facts: &MenuFacts<'_>, comfort: &Comfort) -> Vec<MenuCo
             if ui.button(preset.name).on_hover_text(preset.about).clicked() {
                 commands.push(MenuCommand::Preset(i));
             }
+        }
+    });
+    ui.horizontal_wrapped(|ui| {
+        ui.label("Layers a pixel");
+        let held = facts.governor.map(Governor::budget);
+        let others = held.filter(|budget| !BUDGETS.contains(&Some(*budget))).map(Some);
+        for budget in BUDGETS.iter().copied().chain(others) {
+            let text = budget.map_or("no limit".to_owned(), |budget| budget.to_string());
+            if ui.selectable_label(held == budget, text).clicked() {
+                commands.push(MenuCommand::Budget(budget));
+            }
+        }
+        if let Some(governor) = facts.governor {
+            let step = governor.step().map_or("as asked for".to_owned(), |step| step.to_string());
+            let beyond = if governor.is_beyond() { ", not enough" } else { "" };
+            let (level, cost) = (governor.level(), governor.cost());
+            ui.label(format!("{cost:.1}, step {level} of {}: {step}{beyond}", LADDER.len()));
         }
     });
     ui.horizontal_wrapped(|ui| {

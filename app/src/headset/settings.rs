@@ -1,6 +1,7 @@
 //! The headset's settings file: comfort, and what runtimes call bindings.
 
 use super::Comfort;
+use crate::governor::Budget;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -13,6 +14,8 @@ const MAX_LENGTH: u64 = 1 << 20;
 pub struct HeadsetSettings<B> {
     /// Comfort options.
     pub comfort: Comfort,
+    /// What a frame may take, such as `"18"` (layers per pixel) or `"9ms"`; nothing is held without.
+    pub budget: Option<Budget>,
     /// Changes to what buttons do.
     pub bindings: B,
 }
@@ -67,11 +70,13 @@ mod tests {
     #[test]
     fn a_file_changes_what_it_names() {
         assert_eq!(Settings::load(Path::new("/nowhere/headset.json")).unwrap(), Settings::default());
-        let text = r#"{"comfort": {"snap_degrees": 45, "left_handed": true}, "bindings": {"a": "b"}}"#;
+        let text = r#"{"comfort": {"snap_degrees": 45, "left_handed": true}, "budget": "18",
+            "bindings": {"a": "b"}}"#;
         let settings = load(text).unwrap();
         let expected = Comfort { snap_degrees: 45.0, left_handed: true, ..Default::default() };
         assert_eq!(settings.comfort, expected);
         assert_eq!(settings.bindings["a"], "b");
+        assert_eq!(settings.budget, Some(Budget::Layers(18.0)));
     }
 
     #[test]
@@ -79,6 +84,7 @@ mod tests {
         for (text, part) in [
             ("{", "line 1"),
             (r#"{"comfrt": {}}"#, "comfrt"),
+            (r#"{"budget": "much"}"#, "is no budget"),
             (r#"{"comfort": {"snap_degrees": -3}}"#, "snap_degrees must be 0 to 180"),
         ] {
             let error = load(text).unwrap_err().to_string();

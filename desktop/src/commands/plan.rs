@@ -3,7 +3,7 @@
 use std::fmt;
 
 use motes_renderer::plan::{Decision, Overrides, Plan};
-use motes_renderer::{Axis, Precision, Projection, ShPrecision};
+use motes_renderer::{Precision, Projection, ShPrecision};
 use motes_scenes::Scene;
 use motes_scenes::statement::Statement;
 
@@ -18,21 +18,14 @@ pub struct PlanArgs {
     #[arg(long, value_name = "N", requires = "plan", value_parser = clap::value_parser!(u8).range(0..=3))]
     pub sh_degree: Option<u8>,
     /// Plan with this storage of spherical harmonics
-    #[arg(long, value_name = "NAME", requires = "plan", value_parser = named::<ShPrecision>)]
+    #[arg(long, value_name = "NAME", requires = "plan")]
     pub sh_precision: Option<ShPrecision>,
     /// Plan with this storage of geometry
-    #[arg(long, value_name = "NAME", requires = "plan", value_parser = named::<Precision>)]
+    #[arg(long, value_name = "NAME", requires = "plan")]
     pub precision: Option<Precision>,
     /// Plan with this projection
-    #[arg(long, value_name = "NAME", requires = "plan", value_parser = named::<Projection>)]
+    #[arg(long, value_name = "NAME", requires = "plan")]
     pub projection: Option<Projection>,
-}
-
-fn named<A: Axis>(text: &str) -> Result<A, String> {
-    A::ALL.iter().copied().find(|v| v.name() == text).ok_or_else(|| {
-        let names: Vec<_> = A::ALL.iter().map(|v| v.name()).collect();
-        format!("it is one of: {}", names.join(", "))
-    })
 }
 
 impl PlanArgs {

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use motes_app::governor::Budget;
 use motes_scenes::settings::Settings;
 
 use crate::config_args::ConfigArgs;
@@ -31,6 +32,10 @@ pub struct ViewArgs {
     /// As many frames as there can be, without waiting for the screen
     #[arg(long)]
     pub unpaced: bool,
+    /// Hold a budget: layers of splats per pixel, or predicted milliseconds of a Quest 3 (like 9ms). Frames that would
+    /// take more are drawn less exactly, step by step
+    #[arg(long, value_name = "LAYERS|MS")]
+    pub budget: Option<Budget>,
     #[command(flatten)]
     config: ConfigArgs,
     #[command(flatten)]
@@ -50,6 +55,7 @@ pub fn run(args: &ViewArgs) -> Result<(), CommandError> {
     window::run(WindowOptions {
         scenes: args.scenes.clone(),
         config: args.config.config(),
+        budget: args.budget,
         stereo: args.stereo,
         panel: !args.no_panel,
         size: args.size.0,

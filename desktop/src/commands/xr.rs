@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
+use motes_app::governor::Budget;
 use motes_app::headset::HeadsetSettings;
 use motes_renderer::{Packing, RenderConfig};
 use motes_scenes::settings::Settings;
@@ -36,6 +37,9 @@ pub struct XrArgs {
     /// Fail where there is no headset, instead of opening a window
     #[arg(long)]
     pub no_window: bool,
+    /// Hold a budget: layers of splats per pixel, or predicted milliseconds of a Quest 3 (like 9ms)
+    #[arg(long, value_name = "LAYERS|MS")]
+    pub budget: Option<Budget>,
     /// With OpenXR's and Vulkan's validation layers
     #[arg(long)]
     pub validation: bool,
@@ -83,6 +87,7 @@ pub fn run(args: &XrArgs) -> Result<Outcome, CommandError> {
         source: SceneSource::Files(args.scenes.clone()),
         packing: Packing::of_config(&config),
         comfort: settings.comfort,
+        budget: args.budget.or(settings.budget),
         session: SessionOptions {
             resolution_scale: config.resolution_scale,
             left_handed: settings.comfort.left_handed,
@@ -117,6 +122,7 @@ pub fn open_window(args: &XrArgs) -> Result<(), CommandError> {
     window::run(WindowOptions {
         scenes: args.scenes.clone(),
         config: args.config(),
+        budget: args.budget,
         stereo: false,
         panel: true,
         size: [1600, 900],

@@ -8,6 +8,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use motes_app::governor::{Budget, Governor};
 use motes_app::viewer::{Command, Viewer};
 use motes_renderer::RenderConfig;
 use motes_renderer::gpu::{Gpu, GpuOptions, Plain};
@@ -32,6 +33,8 @@ pub struct WindowOptions {
     pub scenes: Vec<PathBuf>,
     /// How frames are drawn.
     pub config: RenderConfig,
+    /// What a frame may take; nothing is held without.
+    pub budget: Option<Budget>,
     /// Both eyes side by side.
     pub stereo: bool,
     /// Whether the panel is shown.
@@ -178,6 +181,7 @@ impl Open {
         let mut viewer = Viewer::new(&gpu, options.config.clone());
         viewer.stereo = options.stereo;
         viewer.panel = options.panel;
+        viewer.governor = options.budget.map(Governor::new);
         viewer.open(options.scenes.clone());
         let now = Instant::now();
         let pictures = options.pictures.clone();

@@ -109,6 +109,7 @@ impl Screen {
         let frame = self.renderer.begin()?;
         let commands = frame.commands();
         self.figures.add(seconds, self.renderer.last_report());
+        viewer.govern(&self.figures.report);
         self.frames += 1;
         let Some(acquired) = self.swapchain.acquire(self.frames)? else {
             self.stale = self.stale.or(Some(size));
