@@ -43,6 +43,7 @@ fn visit(app: &AndroidApp) -> Result<Visit, ShowError> {
         packing: Packing::of_config(&config),
         comfort: settings.comfort,
         budget: settings.budget,
+        pipelines: app.internal_data_path().map(|folder| folder.join("pipelines")),
         session: SessionOptions {
             resolution_scale: config.resolution_scale,
             left_handed: settings.comfort.left_handed,

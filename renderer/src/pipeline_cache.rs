@@ -86,8 +86,12 @@ fn read(file: &Path) -> Result<Option<Vec<u8>>, String> {
 pub(crate) fn load(gpu: &Gpu, folder: &Path) -> Result<(vk::PipelineCache, Kept), GpuError> {
     let file = file_for(gpu, folder);
     let (data, kept) = match read(&file) {
-        Ok(None) => (Vec::new(), Kept::Nothing),
+        Ok(None) => {
+            log::info!("pipelines will be kept in {}", file.display());
+            (Vec::new(), Kept::Nothing)
+        }
         Ok(Some(data)) => {
+            log::info!("{}: {} bytes of pipelines", file.display(), data.len());
             let kept = Kept::Pipelines(data.len());
             (data, kept)
         }

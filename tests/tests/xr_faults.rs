@@ -106,6 +106,7 @@ fn a_runtime_that_comes_back_is_used_again() {
             config: RenderConfig::default(),
             comfort: Comfort::default(),
             budget: None,
+            pipelines: None,
             session: coarse(),
             runtime: RuntimeOptions::default(),
             record: None,

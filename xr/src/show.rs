@@ -24,6 +24,8 @@ pub struct ShowOptions {
     pub comfort: Comfort,
     /// What a frame may take; nothing is held without.
     pub budget: Option<Budget>,
+    /// The folder where pipelines are kept from one visit to the next; nowhere without.
+    pub pipelines: Option<PathBuf>,
     /// Bindings, resolution, handedness.
     pub session: SessionOptions,
     /// Validation, and whether images can be copied.
@@ -140,6 +142,9 @@ fn run(
 ) -> Result<SessionState, ShowError> {
     let mut loading = Some(Loader::start(headset.gpu(), options.source.clone(), options.packing)?);
     let mut viewer = Viewer::new(headset, options.config.clone(), options.comfort)?;
+    if let Some(folder) = &options.pipelines {
+        viewer.keep_pipelines(folder)?;
+    }
     viewer.governor = options.budget.map(Governor::new);
     let before = visit.frames;
     let mut asked = false;

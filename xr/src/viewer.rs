@@ -10,10 +10,12 @@ use motes_app::headset::menu::{MenuCommand, MenuFacts};
 use motes_app::headset::{Comfort, Eye, Input, Locomotion, PANEL_SIZE, Panel, PanelEvents, Placement, Pose};
 use motes_app::time::TimeControl;
 use motes_renderer::order::{OrderRequest, SortWorker};
+use motes_renderer::pipeline_cache::Kept;
 use motes_renderer::{
     DrawRequest, Expansion, Frame, FrameReport, PRESETS, Picture, RenderConfig, Renderer, Stereo, View,
 };
 use motes_scenes::settings::{Orientation, Settings};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// What the last drawn frame showed.
@@ -147,6 +149,14 @@ impl Viewer {
             problem: String::new(),
             last: None,
         })
+    }
+
+    /// Makes pipelines from those kept in a folder, and keeps them there when the viewer goes.
+    ///
+    /// # Errors
+    /// The driver's. What is wrong with the folder or a file in it is announced, and never an error.
+    pub fn keep_pipelines(&mut self, folder: &Path) -> Result<Kept, XrError> {
+        Ok(self.renderer.keep_pipelines(folder)?)
     }
 
     /// Shows a scene from its first view on. The one before goes once the device is done with it.

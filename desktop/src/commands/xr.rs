@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use motes_app::governor::Budget;
 use motes_app::headset::HeadsetSettings;
-use motes_renderer::{Packing, RenderConfig};
+use motes_renderer::{Packing, RenderConfig, pipeline_cache};
 use motes_scenes::settings::Settings;
 use motes_xr::bindings::Bindings;
 use motes_xr::{RuntimeOptions, SceneSource, SessionOptions, ShowError, ShowOptions, show};
@@ -88,6 +88,7 @@ pub fn run(args: &XrArgs) -> Result<Outcome, CommandError> {
         packing: Packing::of_config(&config),
         comfort: settings.comfort,
         budget: args.budget.or(settings.budget),
+        pipelines: pipeline_cache::default_folder(),
         session: SessionOptions {
             resolution_scale: config.resolution_scale,
             left_handed: settings.comfort.left_handed,

@@ -7,6 +7,7 @@ use egui::{ClippedPrimitive, TexturesDelta};
 use motes_app::painter::{Before, Painter, PainterError};
 use motes_app::viewer::{Figures, Viewer};
 use motes_renderer::gpu::{Gpu, GpuError, Image, ImageDescription};
+use motes_renderer::pipeline_cache;
 use motes_renderer::{DrawRequest, Offscreen, RenderConfig, Renderer, Stereo, Target, View};
 use winit::raw_window_handle::{RawDisplayHandle, RawWindowHandle};
 
@@ -49,11 +50,16 @@ impl Screen {
         let before = Before::Picture(vk::ImageLayout::TRANSFER_DST_OPTIMAL);
         let painter =
             Painter::new(gpu, swapchain.format(), before, vk::ImageLayout::PRESENT_SRC_KHR, FRAMES)?;
+        let mut renderer = Renderer::new(gpu)?;
+        match pipeline_cache::default_folder() {
+            Some(folder) => drop(renderer.keep_pipelines(&folder)?),
+            None => log::warn!("the system names no cache folder: pipelines are made anew at every start"),
+        }
         Ok(Self {
             figures: Figures::default(),
             painter,
             eyes: None,
-            renderer: Renderer::new(gpu)?,
+            renderer,
             offscreen: None,
             swapchain,
             gpu: gpu.clone(),
