@@ -2,7 +2,7 @@
 //! prints. A new field is one line in [`CHOICES`].
 
 use crate::config::{
-    Axis, Composite, Expansion, KeyBits, LowPass, OrderKey, Precision, Projection, QuadShape, RadiusRule,
+    Axis, Composite, Expansion, KeyBits, Lens, LowPass, OrderKey, Precision, Projection, QuadShape, RadiusRule,
     RenderConfig, ShPrecision, Sorter, TargetFormat, TimeCull, Upscale,
 };
 
@@ -139,6 +139,7 @@ macro_rules! choice {
 pub const CHOICES: &[Choice] = &[
     choice!(expansion: Expansion, "Where a splat becomes a polygon"),
     choice!(projection: Projection, "How a splat is projected"),
+    choice!(lens: Lens, "How directions become places in the image"),
     choice!(low_pass: LowPass, "The filter that keeps small splats from flickering"),
     choice!(shape: QuadShape, "The polygon that covers a splat"),
     choice!(radius: RadiusRule, "How far a splat's polygon reaches"),

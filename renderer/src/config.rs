@@ -83,6 +83,18 @@ axis!(
 );
 
 axis!(
+    /// How directions become places in the image.
+    Lens = "lens" {
+        /// Straight lines stay straight: what screens and headsets show.
+        Perspective = "perspective",
+        /// Equidistant fisheye: the distance from the middle is the angle from the axis (pictures only).
+        Fisheye = "fisheye",
+        /// Longitude across, latitude down (pictures only).
+        Equirectangular = "equirectangular",
+    }
+);
+
+axis!(
     /// The filter that keeps small splats from flickering.
     LowPass = "low-pass" {
         /// 2-D: 0.3 px² added to the projected covariance.
@@ -245,6 +257,8 @@ pub struct RenderConfig {
     pub expansion: Expansion,
     /// How a splat is projected.
     pub projection: Projection,
+    /// The lens. All but perspective are for pictures: one view, in front of which nothing else is.
+    pub lens: Lens,
     /// The low-pass filter.
     pub low_pass: LowPass,
     /// The polygon that covers a splat.
@@ -306,6 +320,7 @@ impl Default for RenderConfig {
         Self {
             expansion: Expansion::Precomputed,
             projection: Projection::Tangent,
+            lens: Lens::Perspective,
             low_pass: LowPass::Planar,
             shape: QuadShape::Octagon,
             radius: RadiusRule::OpacityAware,
@@ -364,6 +379,9 @@ impl RenderConfig {
                 "target-format rgba32f: {} does not blend 32-bit floats; choose rgba16f",
                 capabilities.device
             ));
+        }
+        if self.lens != Lens::Perspective {
+            self.check_lens(views)?;
         }
         if self.radius == RadiusRule::Tiles && self.projection != Projection::Affine {
             return refuse(format!(
@@ -424,6 +442,27 @@ impl RenderConfig {
             return refuse("time and background must be finite".into());
         }
         Ok(())
+    }
+
+    fn check_lens(&self, views: usize) -> Result<(), ConfigError> {
+        let reason = if self.projection == Projection::Affine {
+            "affine straightens the image at each splat, and this one is bent; choose projection tangent or exact"
+        } else if self.expansion != Expansion::Precomputed {
+            "splats meet the lens in the precomputed expansion only"
+        } else if self.shape == QuadShape::AxisAligned {
+            "a splat's image is bent, and has no box along the image's axes; choose shape octagon, square or diamond"
+        } else if self.order == OrderKey::Depth {
+            "depth along an axis says nothing about what lies beside and behind it; choose order radial"
+        } else if self.sorter == Sorter::Stochastic {
+            "stochastic splats are compared by perspective depth; choose sort cpu or gpu"
+        } else if self.resolution_scale < 1.0 || self.sharpen > 0.0 {
+            "pixels are reconstructed and sharpened for perspective; choose resolution-scale 1 and sharpen 0"
+        } else if views != 1 {
+            "two eyes look in one direction, and a picture all around has none; draw one view"
+        } else {
+            return Ok(());
+        };
+        Err(ConfigError(format!("lens {}: {reason}", self.lens)))
     }
 
     fn check_stochastic(&self) -> Result<(), ConfigError> {

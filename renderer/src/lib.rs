@@ -4,6 +4,7 @@ mod choices;
 mod config;
 mod frame;
 pub mod gpu;
+mod lens;
 pub mod motion;
 mod offscreen;
 pub mod order;

@@ -137,7 +137,15 @@ impl Offscreen {
         views: &[View],
         config: &RenderConfig,
     ) -> Result<FrameReport, GpuError> {
-        self.record(scene, views, config, Read::Nothing)
+        let mut whole = None::<FrameReport>;
+        for (views, config) in parts(views, config) {
+            let report = self.record(scene, &views, &config, Read::Nothing)?;
+            match &mut whole {
+                None => whole = Some(report),
+                Some(whole) => whole.add(&report),
+            }
+        }
+        Ok(whole.unwrap_or_default())
     }
 
     /// Renders one or two views: sorts, draws, reads back.
@@ -166,7 +174,18 @@ impl Offscreen {
         config: &RenderConfig,
     ) -> Result<(Vec<Picture>, FrameReport), GpuError> {
         if config.sorter != Sorter::Stochastic {
-            return self.one_picture(scene, views, config);
+            let mut parts = parts(views, config).into_iter();
+            let Some((first, config)) = parts.next() else { return self.one_picture(scene, views, config) };
+            let (mut pictures, mut report) = self.one_picture(scene, &first, &config)?;
+            for (views, config) in parts {
+                let (further, of_part) = self.one_picture(scene, &views, &config)?;
+                report.add(&of_part);
+                for (picture, right) in pictures.iter_mut().zip(&further) {
+                    let pixels = beside(&picture.pixels, &right.pixels, picture.size, right.size);
+                    *picture = Picture { size: wider(picture.size, right.size), pixels };
+                }
+            }
+            return Ok((pictures, report));
         }
         let mut sums: Vec<Vec<[u32; 4]>> = Vec::new();
         let mut size = [0, 0];
@@ -226,6 +245,31 @@ impl Offscreen {
             return Err(GpuError::Config(crate::ConfigError(one_by_one.into())));
         }
         self.sort(scene, views, config);
+        let mut whole = None::<(Vec<LayerMap>, FrameReport)>;
+        for (views, config) in parts(views, config) {
+            let (further, of_part) = self.layers_of_part(scene, &views, &config)?;
+            let Some((maps, report)) = &mut whole else {
+                whole = Some((further, of_part));
+                continue;
+            };
+            report.add(&of_part);
+            for (map, right) in maps.iter_mut().zip(&further) {
+                *map = LayerMap {
+                    size: wider(map.size, right.size),
+                    shaded: beside(&map.shaded, &right.shaded, map.size, right.size),
+                    blended: beside(&map.blended, &right.blended, map.size, right.size),
+                };
+            }
+        }
+        Ok(whole.unwrap_or_default())
+    }
+
+    fn layers_of_part(
+        &mut self,
+        scene: &SceneOnDevice,
+        views: &[View],
+        config: &RenderConfig,
+    ) -> Result<(Vec<LayerMap>, FrameReport), GpuError> {
         self.renderer.count_layers(true)?;
         let report = self.record(scene, views, config, Read::Layers);
         self.renderer.count_layers(false)?;
@@ -342,4 +386,31 @@ impl Offscreen {
         }
         self.renderer.finish(frame)
     }
+}
+
+/// What a picture is drawn in, from left to right: itself, or the halves of what goes round the eye ([`Lens::parts`](
+/// crate::Lens)), with the configuration that means the same in each.
+fn parts(views: &[View], config: &RenderConfig) -> Vec<(Vec<View>, RenderConfig)> {
+    let [view] = views else { return vec![(views.to_vec(), config.clone())] };
+    let larger = |size: [u32; 2]| size[0].max(size[1]) as f32;
+    let part = |part: View| {
+        let max_radius = config.max_radius * larger(view.size) / larger(part.size);
+        (vec![part], RenderConfig { max_radius, ..config.clone() })
+    };
+    match config.lens.parts(view).as_slice() {
+        [_] => vec![(views.to_vec(), config.clone())],
+        halves => halves.iter().copied().map(part).collect(),
+    }
+}
+
+fn wider(left: [u32; 2], right: [u32; 2]) -> [u32; 2] {
+    [left[0] + right[0], left[1]]
+}
+
+/// Two images of one height side by side.
+fn beside<T: Copy>(left: &[T], right: &[T], left_size: [u32; 2], right_size: [u32; 2]) -> Vec<T> {
+    let rows = |pixels: &[T], size: [u32; 2]| -> Vec<Vec<T>> {
+        pixels.chunks_exact((size[0] as usize).max(1)).map(<[T]>::to_vec).collect()
+    };
+    rows(left, left_size).into_iter().zip(rows(right, right_size)).flat_map(|(l, r)| [l, r].concat()).collect()
 }

@@ -440,7 +440,17 @@ impl Passes {
             (true, false, true) => modules::SPLAT_VERT_MULTIVIEW_STOCHASTIC,
             (true, true, true) => modules::SPLAT_VERT_EXACT_MULTIVIEW_STOCHASTIC,
         };
+        let lens = specialization.lens != crate::Lens::Perspective as u32;
+        let vertex = match (lens, exact) {
+            (false, _) => vertex,
+            (true, false) => modules::SPLAT_VERT_LENS,
+            (true, true) => modules::SPLAT_VERT_EXACT_LENS,
+        };
         let fragment = match (exact, pass.count) {
+            (false, false) if lens => modules::SPLAT_FRAG_LENS,
+            (true, false) if lens => modules::SPLAT_FRAG_EXACT_LENS,
+            (false, true) if lens => modules::SPLAT_FRAG_LENS_COUNT,
+            (true, true) if lens => modules::SPLAT_FRAG_EXACT_LENS_COUNT,
             (false, _) if pass.stochastic => modules::SPLAT_FRAG_STOCHASTIC,
             (true, _) if pass.stochastic => modules::SPLAT_FRAG_EXACT_STOCHASTIC,
             (false, false) => modules::SPLAT_FRAG,

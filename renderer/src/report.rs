@@ -54,6 +54,26 @@ impl FrameReport {
         self.upload_ns + self.prepare_ns + self.draw_ns
     }
 
+    /// Adds what another part of the same picture took.
+    pub(crate) fn add(&mut self, part: &Self) {
+        self.pixels += part.pixels;
+        self.shown_pixels += part.shown_pixels;
+        self.upload_ns += part.upload_ns;
+        self.prepare_ns += part.prepare_ns;
+        self.draw_ns += part.draw_ns;
+        self.vertices += part.vertices;
+        self.primitives += part.primitives;
+        self.fragments += part.fragments;
+        self.full_screen_fragments += part.full_screen_fragments;
+        self.visible += part.visible;
+        self.predicted_fragments += part.predicted_fragments;
+        self.predicted_unhidden += part.predicted_unhidden;
+        self.draws += part.draws;
+        self.dispatches += part.dispatches;
+        self.passes += part.passes;
+        self.uploaded_bytes += part.uploaded_bytes;
+    }
+
     /// Fragments of splats per rendered pixel.
     pub fn layers(&self) -> f64 {
         self.fragments as f64 / self.pixels.max(1) as f64

@@ -11,7 +11,8 @@ const MAX_TANGENT: f64 = 1e3;
 const MAX_EYE: f64 = 1e15;
 
 /// Tangents of the four half-angles of a (possibly asymmetric) perspective frustum, each measured from the
-/// forward axis: `left` and `up` are usually negative (x points right, y points **down**).
+/// forward axis: `left` and `up` are usually negative (x points right, y points **down**). Through another
+/// [`Lens`](crate::Lens) the angles themselves, radians: the image's edges as places of that lens.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fov {
     /// Tangent of the angle to the left edge (x = left at depth 1).
@@ -114,7 +115,7 @@ impl View {
         Ok(())
     }
 
-    /// Focal lengths in pixels, horizontal and vertical.
+    /// Focal lengths in pixels, horizontal and vertical: pixels per unit of slope, or per radian through another lens.
     pub fn focal(&self) -> [f64; 2] {
         [
             f64::from(self.size[0]) / (self.fov.right - self.fov.left),

@@ -165,4 +165,47 @@ Corner splat_corner(uint corner, vec3 m, vec2 major, float ratio, float opacity,
     return c;
 }
 
+// The same through a lens: the corner's place in clip space. The fragments find their points of the plane themselves, so
+// the polygon has to cover the splat's image, and nothing else.
+//
+// The image of a polygon's straight side is bent. Where the splat is small against the bend, each half-axis is made longer
+// by what a side of that length can bend; where it is not, a box around the whole cap is drawn.
+vec4 lens_corner(uint corner, vec3 m, vec3 u, vec3 v, vec2 major, float ratio, float opacity, vec2 linear, vec3 quadratic, ViewData view) {
+    vec2 minor = ratio * vec2(-major.y, major.x);
+    Reach reach = reach_of(polygon_radius(opacity), linear, quadratic);
+    vec2 unit = shape_corner(corner);
+    vec2 side = SHAPE == SHAPE_OCTAGON ? sign(unit) : SHAPE == SHAPE_DIAMOND ? vec2(unit.x + unit.y, unit.y - unit.x) : unit;
+    vec4 shown = view.tangents;
+    float radius = plane_radius(reach, major, minor);
+    float middle = lens_place_beside(m, lens_middle(shown)).x;
+    // How fast the image bends: one over the distance to the lens's pole.
+    float pole = LENS == LENS_EQUIRECTANGULAR ? atan(length(m.xz), abs(m.y)) : PI - atan(length(m.xy), m.z);
+    vec2 place;
+    if (!reach.bounded || !(radius < 0.25 * min(1.0, pole))) {
+        LensBox box = lens_whole(shown);
+        if (reach.bounded) box = lens_box(m, radius, shown);
+        place = box.center + side.x * box.x + side.y * box.y;
+    } else {
+        // Half-axes of the ellipse on the plane: those of any factor of its covariance.
+        float l11 = sqrt(max(reach.covariance.x, 0.0));
+        float l21 = reach.covariance.y / max(l11, 1e-30);
+        vec2 a = l11 * major + l21 * minor;
+        vec2 b = sqrt(max(reach.covariance.z - l21 * l21, 0.0)) * minor;
+        float half_difference = 0.5 * (a.x * a.x + b.x * b.x - a.y * a.y - b.y * b.y);
+        float mixed = a.x * a.y + b.x * b.y;
+        float r = length(vec2(half_difference, mixed));
+        float longer = 0.5 * (dot(a, a) + dot(b, b)) + r;
+        float c2 = r > 0.0 ? half_difference / r : 1.0;
+        vec2 direction = vec2(sqrt(max(0.0, 0.5 + 0.5 * c2)), sqrt(max(0.0, 0.5 - 0.5 * c2)));
+        direction.y = mixed < 0.0 ? -direction.y : direction.y;
+        float long_axis = sqrt(max(longer, 1e-30));
+        float short_axis = abs(a.x * b.y - a.y * b.x) / long_axis;
+        float bend = long_axis * long_axis * (0.75 / pole + 0.5 * long_axis);
+        vec2 ab = reach.center.x * major + reach.center.y * minor + unit.x * (long_axis + bend) * direction
+                + unit.y * (short_axis + bend) * vec2(-direction.y, direction.x);
+        place = lens_place_beside(m + ab.x * u + ab.y * v, middle);
+    }
+    return vec4(2.0 * (place - shown.xz) / (shown.yw - shown.xz) - 1.0, 0.5, 1.0);
+}
+
 #endif

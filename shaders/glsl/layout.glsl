@@ -24,6 +24,7 @@ layout(constant_id = 12) const uint COMPOSITE = 0;      // COMPOSITE_*
 layout(constant_id = 13) const uint GEOMETRY_SHIFT = 21; // log2 of the splats in one geometry binding
 layout(constant_id = 14) const uint SH_SHIFT = 19;      // log2 of the splats in one SH binding
 layout(constant_id = 15) const uint SAMPLING = 0;       // SAMPLING_*
+layout(constant_id = 16) const uint LENS = 0;           // LENS_*
 
 const uint PROJECTION_AFFINE = 0;
 const uint PROJECTION_TANGENT = 1;
@@ -52,6 +53,9 @@ const uint COMPOSITE_BACK_TO_FRONT = 1;
 const uint COMPOSITE_STOCHASTIC = 2;
 const uint SAMPLING_CENTERS = 0;
 const uint SAMPLING_INTERLEAVED = 1;
+const uint LENS_PERSPECTIVE = 0;
+const uint LENS_FISHEYE = 1;
+const uint LENS_EQUIRECTANGULAR = 2;
 const uint HISTORY_NONE = 0;
 const uint HISTORY_STILL = 1;
 const uint HISTORY_MOVING = 2;
@@ -74,7 +78,7 @@ const float HALF_LOG2_E = 0.72134752;
 struct ViewData {
     vec4 rotation[3]; // rows of the scene-to-eye rotation; in w what an f32 cannot hold of the eye's x, y, z
     vec4 eye;         // the eye in scene axes, relative to the scene's origin, metres
-    vec4 tangents;    // left, right, up, down
+    vec4 tangents;    // left, right, up, down; with a lens angles
     vec4 image;       // focal length x and y, width, height: pixels of the rendered image
 };
 

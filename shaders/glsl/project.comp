@@ -35,7 +35,13 @@ uint footprint(Ellipse e, ViewData view) {
     float light = 6.2831853 * own * o * (1.0 + o * (0.25 + o * 0.395));
     vec2 size = view.image.zw;
     vec2 low = vec2(0.0), high = vec2(1.0);
-    if (e.m.z > 1e-3) {
+    if (LENS != LENS_PERSPECTIVE) {
+        vec2 center = lens_place_beside(e.m, lens_middle(view.tangents));
+        center = (center - view.tangents.xz) / (view.tangents.yw - view.tangents.xz);
+        vec2 radius = k * sqrt(own / max(e.ratio, 1e-3)) / size;
+        low = clamp(center - radius, 0.0, 0.999);
+        high = clamp(center + radius, 0.0, 0.999);
+    } else if (e.m.z > 1e-3) {
         vec2 center = (e.m.xy / e.m.z - view.tangents.xz) / (view.tangents.yw - view.tangents.xz);
         vec2 radius = k * sqrt(own / max(e.ratio, 1e-3)) / size;
         low = clamp(center - radius, 0.0, 0.999);

@@ -10,6 +10,7 @@
 #define PROJECTION_GLSL
 #include "scene.glsl"
 #include "naive.glsl"
+#include "lens.glsl"
 
 struct Ellipse {
     vec3 m;        // the plane's point at the ellipse's centre
@@ -85,6 +86,13 @@ Reach reach_of(float k, vec2 linear, vec3 quadratic) {
     return r;
 }
 
+// How far that part of the plane is from the plane's point m at most (a bound: the sum of both half-axes' squares).
+float plane_radius(Reach reach, vec2 major, vec2 minor) {
+    vec2 center = reach.center.x * major + reach.center.y * minor;
+    float square = reach.covariance.x * dot(major, major) + reach.covariance.z * dot(minor, minor);
+    return length(center) + sqrt(max(square, 0.0));
+}
+
 // Whether that part of the plane enters the frustum: the four side planes and the plane of the eye, each with
 // the support function of the ellipse (P = m + p axis1 + q axis2).
 bool in_frustum(vec3 m, vec3 axis1, vec3 axis2, Reach reach, vec4 tangents) {
@@ -132,6 +140,7 @@ Ellipse project_splat(Splat s, ViewData view) {
     vec3 eye_rest = vec3(view.rotation[0].w, view.rotation[1].w, view.rotation[2].w);
     vec3 mean = eye * ((s.mean - view.eye.xyz) - eye_rest);
     bool affine = PROJECTION == PROJECTION_AFFINE;
+    bool perspective = LENS == LENS_PERSPECTIVE;
     float depth = affine ? mean.z : length(mean);
     if (!(depth > frame.cull.x)) return e;
     if (frame.cull.y > 0.0) e.opacity *= clamp((depth - frame.cull.x) / frame.cull.y, 0.0, 1.0);
@@ -140,8 +149,15 @@ Ellipse project_splat(Splat s, ViewData view) {
     vec2 pixel = 1.0 / view.image.xy;
     float sigma = sqrt(frame.filters.x);
     vec3 sharp_scale = s.scale;
+    // With a lens: how the direction moves over the image, and how much of the sphere a unit of image is.
+    vec3 step_x = vec3(0.0), step_y = vec3(0.0);
+    float of_sphere = 1.0;
+    if (!perspective) {
+        lens_steps(mean / depth, step_x, step_y);
+        of_sphere = max(length(cross(step_x, step_y)), 1e-4);
+    }
     if (LOW_PASS == LOW_PASS_VOLUMETRIC || LOW_PASS == LOW_PASS_VOLUMETRIC_COMPENSATED) {
-        float w = max(mean.z, 0.0) * sigma * sqrt(pixel.x * pixel.y);
+        float w = (perspective ? max(mean.z, 0.0) : depth * sqrt(of_sphere)) * sigma * sqrt(pixel.x * pixel.y);
         s.scale = sqrt(s.scale * s.scale + w * w);
     }
     // Rows of M = W R S: the splat's axes in eye space, scaled.
@@ -174,6 +190,11 @@ Ellipse project_splat(Splat s, ViewData view) {
         kx = sigma * pixel.x * mz * vec3(u.x, v.x, e.m.x);
         ky = sigma * pixel.y * mz * vec3(u.y, v.y, e.m.y);
         scale_to_image = 1.0 / max(mz * mz * mz, 1e-6);
+        if (!perspective) {
+            kx = sigma * pixel.x * vec3(dot(step_x, u), dot(step_x, v), 0.0);
+            ky = sigma * pixel.y * vec3(dot(step_y, u), dot(step_y, v), 0.0);
+            scale_to_image = 1.0 / of_sphere;
+        }
     }
 
     if (LOW_PASS != LOW_PASS_PLANAR && LOW_PASS != LOW_PASS_PLANAR_COMPENSATED) {
@@ -258,7 +279,11 @@ Ellipse project_splat(Splat s, ViewData view) {
                            products.x * minor.x * minor.x + 2.0 * products.y * minor.x * minor.y + products.z * minor.y * minor.y);
     }
     Reach reach = reach_of(k, e.linear, e.quadratic);
-    e.visible = in_frustum(e.m, e.major.x * u + e.major.y * v, minor.x * u + minor.y * v, reach, view.tangents);
+    if (perspective) {
+        e.visible = in_frustum(e.m, e.major.x * u + e.major.y * v, minor.x * u + minor.y * v, reach, view.tangents);
+    } else {
+        e.visible = !reach.bounded || lens_sees(lens_box(e.m, plane_radius(reach, e.major, minor), view.tangents), view.tangents);
+    }
     float image_area = view.image.z * view.image.w;
     e.area = frame.shown.w * (reach.bounded ? min(shape_area() * k * k * sigma1 * sigma2 * to_pixels * to_pixels, image_area) : image_area);
     return e;

@@ -1,6 +1,9 @@
 #version 460
 // Opacity and colour of one splat in one pixel, premultiplied.
 #include "interleaved.glsl"
+#ifdef THROUGH_LENS
+#include "lens.glsl"
+#endif
 #define FRAGMENT
 #include "varyings.glsl"
 
@@ -36,9 +39,21 @@ layout(location = 1) out vec2 layers;
 #endif
 
 void main() {
+#ifdef THROUGH_LENS
+    // Where this pixel's ray meets the splat's plane; rays that point away from it do not.
+    vec4 shown = frame.views[0].tangents;
+    vec3 ray;
+    if (!lens_ray(mix(shown.xz, shown.yw, gl_FragCoord.xy / frame.views[0].image.zw), ray)) LEAVE
+    vec3 at = vec3(dot(ray, along_p), dot(ray, along_q), dot(ray, middle));
+#ifndef EXACT
+    if (!(at.z > 0.0)) LEAVE
+    at /= at.z;
+#endif
+#else
     vec3 at = plane;
     // The falloff is a function of the plane's coordinates, and those are as good as linear over a pixel.
     if (SAMPLING == SAMPLING_INTERLEAVED) at += sample_offset(uvec2(gl_FragCoord.xy)) * dFdx(plane);
+#endif
     vec2 pq = at.xy;
     float d2 = dot(pq, pq);
 #ifdef EXACT

@@ -24,7 +24,13 @@ void main() {
     uint quad = uint(gl_VertexIndex) / corners;
     uint at = plan.starts[push.batch] + uint(gl_InstanceIndex) * QUADS_PER_INSTANCE + quad;
     gl_Position = OUTSIDE;
+#ifdef THROUGH_LENS
+    middle = vec3(0.0);
+    along_p = vec3(0.0);
+    along_q = vec3(0.0);
+#else
     plane = vec3(0.0);
+#endif
     color = vec4(0.0);
 #ifdef EXACT
     linear = vec2(0.0);
@@ -52,9 +58,21 @@ void main() {
     linear = l;
     quadratic = h;
 #endif
+#ifdef THROUGH_LENS
+    vec3 u, v;
+    tangent_basis(m, u, v);
+    // Divided twice by the length: its square underflows for the smallest splats.
+    float size = length(major), thin = size * ratio;
+    vec2 direction = major / size;
+    middle = m;
+    along_p = (direction.x * u + direction.y * v) / size;
+    along_q = (-direction.y * u + direction.x * v) / max(thin, 1e-30);
+    gl_Position = lens_corner(uint(gl_VertexIndex) % corners, m, u, v, major, ratio, color.a, l, h, frame.views[view]);
+#else
     Corner c = splat_corner(uint(gl_VertexIndex) % corners, m, major, ratio, color.a, l, h, frame.views[view]);
     gl_Position = c.position;
     plane = c.plane;
+#endif
 #ifdef STOCHASTIC
     // Nobody has sorted: the list holds the splats themselves. All of a splat lies at its own distance, and nearer is
     // greater, where floats are dense for what is far.

@@ -39,7 +39,7 @@ pub struct ViewData {
     pub rotation: [[f32; 4]; 3],
     /// The eye in scene axes, relative to the scene's origin, metres.
     pub eye: [f32; 4],
-    /// Left, right, up, down.
+    /// Left, right, up, down: tangents; angles where the lens is not perspective.
     pub tangents: [f32; 4],
     /// Focal length x and y, width, height: pixels of the rendered image.
     pub image: [f32; 4],
@@ -152,4 +152,6 @@ pub struct Specialization {
     pub sh_shift: u32,
     /// `SAMPLING_*`.
     pub sampling: u32,
+    /// `LENS_*`.
+    pub lens: u32,
 }

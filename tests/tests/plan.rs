@@ -63,6 +63,7 @@ fn constants(plan: &Plan) -> Vec<u32> {
         s.geometry_shift,
         s.sh_shift,
         s.sampling,
+        s.lens,
     ]
 }
 

@@ -43,6 +43,7 @@ pub(super) fn specialization(
         geometry_shift: scene.geometry.shift,
         sh_shift: scene.harmonics.shift,
         sampling: resolution.sampling as u32,
+        lens: config.lens as u32,
     }
 }
 

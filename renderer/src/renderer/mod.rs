@@ -382,6 +382,11 @@ impl Renderer {
         config.check(views.len(), &self.gpu.capabilities)?;
         for view in views {
             view.check()?;
+            config.lens.check(view)?;
+            if config.lens.parts(view).len() > 1 {
+                let reason = "lens equirectangular: more than half of the way round is drawn in two halves (Offscreen)";
+                return Err(GpuError::Config(crate::ConfigError(reason.into())));
+            }
         }
         let multiview = views.len() == 2 && stereo == Stereo::Multiview;
         if multiview && !self.gpu.capabilities.multiview {
