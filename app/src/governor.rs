@@ -13,7 +13,9 @@
 use std::fmt;
 use std::str::FromStr;
 
-use motes_renderer::{Composite, Expansion, FrameReport, QuadShape, RenderConfig, Sorter, TargetFormat};
+use motes_renderer::{
+    Composite, Expansion, FrameReport, Lens, QuadShape, RenderConfig, Sorter, TargetFormat,
+};
 use serde::{Deserialize, Serialize};
 
 use crate::prediction::{FrameLoad, StageRates};
@@ -161,7 +163,7 @@ impl Step {
             }
             Self::Contribution(least) => config.min_contribution = config.min_contribution.max(least),
             Self::Radius(most) => config.max_radius = config.max_radius.min(most),
-            Self::Resolution(_) if stochastic => {}
+            Self::Resolution(_) if stochastic || config.lens != Lens::Perspective => {}
             Self::Resolution(most) => config.resolution_scale = config.resolution_scale.min(most),
         }
     }

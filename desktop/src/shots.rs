@@ -6,7 +6,7 @@ use std::str::FromStr;
 use glam::{DQuat, DVec3};
 use motes_app::framing::Framing;
 use motes_app::opened::{Opened, saved_view};
-use motes_renderer::{Fov, View};
+use motes_renderer::{Fov, Lens, View};
 use motes_scenes::cameras::{self, Camera};
 use motes_scenes::settings::{Axis, Orientation, Settings};
 
@@ -38,9 +38,9 @@ pub struct ShotArgs {
     /// Upwards in the scene: an axis such as +z or -y, or a direction (as the scene's settings say)
     #[arg(long, value_name = "AXIS|X,Y,Z", allow_hyphen_values = true)]
     pub up: Option<Up>,
-    /// Vertical field of view, degrees
-    #[arg(long, value_name = "DEGREES", default_value_t = 60.0, value_parser = field_of_view)]
-    pub fov: f64,
+    /// Field of view, degrees: the vertical one (60), or with --lens the whole width's (fisheye 180, equirectangular 360)
+    #[arg(long, value_name = "DEGREES", value_parser = field_of_view)]
+    pub fov: Option<f64>,
     /// Size of a picture (a camera's own, else 1280x960); a camera keeps its vertical field of view
     #[arg(long, value_name = "WxH")]
     pub size: Option<Size>,
@@ -106,15 +106,17 @@ impl FromStr for Size {
 
 fn field_of_view(text: &str) -> Result<f64, String> {
     let degrees: f64 = text.parse().map_err(|_| format!("'{text}' is not a number"))?;
-    if degrees > 0.0 && degrees < 179.0 {
+    if degrees > 0.0 && degrees <= 360.0 {
         Ok(degrees)
     } else {
-        Err("it must be above 0 and below 179".into())
+        Err("it must be above 0, and at most 360; without --lens below 179".into())
     }
 }
 
 /// The size of pictures whose camera has none.
 const SIZE: [u32; 2] = [1280, 960];
+/// The vertical field of view where none is given, degrees.
+const VERTICAL_FOV: f64 = 60.0;
 
 impl ShotArgs {
     /// The scene's settings, with the upward direction that was given.
@@ -133,9 +135,26 @@ impl ShotArgs {
     ///
     /// # Errors
     /// The camera file cannot be read, or holds no camera of the name.
-    pub fn shots(&self, opened: &Opened) -> Result<Vec<Shot>, CommandError> {
+    pub fn shots(&self, opened: &Opened, lens: Lens) -> Result<Vec<Shot>, CommandError> {
+        if lens == Lens::Perspective {
+            if let Some(degrees) = self.fov.filter(|&d| d >= 179.0) {
+                let what = format!("--fov {degrees}: perspective ends below 179; choose --lens fisheye, or less");
+                return Err(CommandError::Usage(what));
+            }
+            return self.perspective(opened);
+        }
+        // A lens has an angle and a shape of image of its own; the camera gives place and direction.
+        let angle = self.fov.map_or(lens.usual_angle(), f64::to_radians);
+        let usual = if lens == Lens::Equirectangular { [1280, 640] } else { [960, 960] };
+        let size = self.size.map_or(usual, |s| s.0);
+        let ahead = Self { fov: None, ..self.clone() };
+        let through = |shot: Shot| Shot { view: View { fov: lens.fov(angle, size), size, ..shot.view }, ..shot };
+        Ok(ahead.perspective(opened)?.into_iter().map(through).collect())
+    }
+
+    fn perspective(&self, opened: &Opened) -> Result<Vec<Shot>, CommandError> {
         let size = self.size.map_or(SIZE, |s| s.0);
-        let fov = self.fov.to_radians();
+        let fov = self.fov.unwrap_or(VERTICAL_FOV).to_radians();
         let framing = || Framing::of(&opened.scene.splats, &opened.settings);
         if let Some(count) = self.turntable {
             let framing = framing();

@@ -14,7 +14,7 @@
 
 use glam::{DMat3, DQuat, DVec2, DVec3, Vec2, Vec3};
 
-use crate::config::{LowPass, RadiusRule};
+use crate::config::{Lens, LowPass, RadiusRule};
 use crate::view::{Fov, View};
 
 /// Variance of the low-pass filter, px² (Kerbl et al. 2023).
@@ -67,6 +67,35 @@ impl EyeSplat {
             LowPass::Planar | LowPass::PlanarCompensated => (scales, planar_columns(mean.z, focal)),
             LowPass::Volumetric | LowPass::VolumetricCompensated => {
                 (volumetric_scales(scales, mean.z, focal), [DVec3::ZERO; 2])
+            }
+        };
+        let [a, b, c] = principal_axes(&view.rotation, rotation, scales);
+        Self { mean, columns: [a, b, c, filter[0], filter[1]] }
+    }
+
+    /// [`EyeSplat::new`] through any lens. The filters are as wide as a pixel is at the mean: the planar one's columns are
+    /// the steps that lead one pixel on, the volumetric one takes their geometric mean.
+    pub fn through(
+        lens: Lens,
+        view: &View,
+        low_pass: LowPass,
+        mean: DVec3,
+        rotation: DQuat,
+        scales: DVec3,
+    ) -> Self {
+        if lens == Lens::Perspective {
+            return Self::new(view, low_pass, mean, rotation, scales);
+        }
+        let [fx, fy] = view.focal();
+        let distance = mean.length();
+        let [x, y] = lens.steps(mean / distance);
+        let deviation = LOW_PASS_VARIANCE.sqrt() * distance;
+        let (scales, filter) = match low_pass {
+            LowPass::Off => (scales, [DVec3::ZERO; 2]),
+            LowPass::Planar | LowPass::PlanarCompensated => (scales, [x * (deviation / fx), y * (deviation / fy)]),
+            LowPass::Volumetric | LowPass::VolumetricCompensated => {
+                let width = deviation * (x.length() * y.length() / (fx * fy)).sqrt();
+                (scales.map(|s| s.hypot(width)), [DVec3::ZERO; 2])
             }
         };
         let [a, b, c] = principal_axes(&view.rotation, rotation, scales);
@@ -231,6 +260,21 @@ impl From<&EyeSplat> for RaySplat {
 }
 
 impl RaySplat {
+    /// As [`RaySplat::at`], for a ray in any direction (a unit vector), and the distance along it instead of the depth: two
+    /// planes through the ray, at right angles to each other, take the place of the two of a slope.
+    pub fn along(&self, ray: DVec3) -> (f64, f64) {
+        let [l0, l1, l2] = self.rows;
+        let transposed = |n: DVec3| l0 * n.x + l1 * n.y + l2 * n.z;
+        let [a, b] = tangent_basis(ray);
+        let (na, nb) = (transposed(a), transposed(b));
+        // In the splat's coordinates q the planes are na·q = −a·μ and nb·q = −b·μ.
+        let normal = na.cross(nb);
+        let w = nb * a.dot(self.mean) - na * b.dot(self.mean);
+        let square = normal.length_squared();
+        let nearest = normal.cross(w) / square;
+        (w.length_squared() / square, ray.dot(self.mean) + transposed(ray).dot(nearest))
+    }
+
     /// Squared distance of the ray from the mean, in standard deviations, and the eye depth (metres) of the ray's
     /// point of largest response; that depth can be negative, and then the ray itself, which starts at the eye, sees
     /// nothing of it. Not finite where the splat has no extent across the ray.
@@ -492,6 +536,22 @@ mod tests {
             }
         }
         assert!(behind > 0, "no case with its maximum behind the eye");
+    }
+
+    /// A ray in a direction is the ray of a slope.
+    #[test]
+    fn rays_in_any_direction_answer_as_slopes_do() {
+        for splat in splats(LowPass::Planar) {
+            let ray = RaySplat::from(&splat);
+            for slope in [DVec2::new(0.1, -0.2), DVec2::new(-1.5, 0.7), DVec2::new(3.0, 4.0)] {
+                let d = slope.extend(1.0).normalize();
+                let ((square, depth), (same, along)) = (ray.at(slope), ray.along(d));
+                assert!((square - same).abs() < 1e-6 * square.max(1.0), "{square} {same}");
+                assert!((depth - along * d.z).abs() < 1e-6 * depth.abs().max(1.0), "{depth} {along}");
+                // Control: the other way it has another answer.
+                assert!((ray.along(-d).1 + along).abs() < 1e-6 * along.abs().max(1.0));
+            }
+        }
     }
 
     /// A flat splat has no inverse covariance; its response is that of the plane's hit point.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use motes_app::opened::Opened;
 use motes_app::viewer::{eyes, in_scene_units};
-use motes_renderer::{FrameReport, RenderConfig, View};
+use motes_renderer::{FrameReport, Lens, RenderConfig, View};
 use motes_scenes::{LoadOptions, Splats};
 use std::sync::Arc;
 
@@ -78,8 +78,13 @@ pub fn run(args: &RenderArgs) -> Result<(), CommandError> {
         eprintln!("{warning}");
     }
     args.shots.apply(&mut opened.settings);
-    let shots = args.at_times(args.shots.shots(&opened)?)?;
-    let config = in_scene_units(&args.config.config(), opened.settings.scale);
+    let chosen = args.config.config();
+    if chosen.lens != Lens::Perspective && args.heat == Some(Heat::ProjectionError) {
+        let what = "the classic projection's error is one of perspective: leave --lens out";
+        return Err(CommandError::Usage(what.into()));
+    }
+    let shots = args.at_times(args.shots.shots(&opened, chosen.lens)?)?;
+    let config = in_scene_units(&chosen, opened.settings.scale);
     let mut footage = Footage::new(&mut opened, frames, &options, args.video.read_ahead)?;
     let gpu = if args.reference { None } else { Some(args.device.offscreen()?) };
     let mut studio: Option<(Arc<Splats>, Studio)> = None;

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use motes_app::governor::Budget;
 use motes_app::headset::HeadsetSettings;
-use motes_renderer::{Packing, RenderConfig, pipeline_cache};
+use motes_renderer::{Lens, Packing, RenderConfig, pipeline_cache};
 use motes_scenes::settings::Settings;
 use motes_xr::bindings::Bindings;
 use motes_xr::{RuntimeOptions, SceneSource, SessionOptions, ShowError, ShowOptions, show};
@@ -83,6 +83,10 @@ pub fn run(args: &XrArgs) -> Result<Outcome, CommandError> {
     };
     settings.comfort.left_handed |= args.left_handed;
     let config = args.config();
+    if config.lens != Lens::Perspective {
+        let what = format!("--lens {}: a headset shows perspective; motes render takes the picture", config.lens);
+        return Err(CommandError::Usage(what));
+    }
     let options = ShowOptions {
         source: SceneSource::Files(args.scenes.clone()),
         packing: Packing::of_config(&config),

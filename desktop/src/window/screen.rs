@@ -8,7 +8,7 @@ use motes_app::painter::{Before, Painter, PainterError};
 use motes_app::viewer::{Figures, Viewer};
 use motes_renderer::gpu::{Gpu, GpuError, Image, ImageDescription};
 use motes_renderer::pipeline_cache;
-use motes_renderer::{DrawRequest, Offscreen, RenderConfig, Renderer, Stereo, Target, View};
+use motes_renderer::{ConfigError, DrawRequest, Lens, Offscreen, RenderConfig, Renderer, Stereo, Target, View};
 use winit::raw_window_handle::{RawDisplayHandle, RawWindowHandle};
 
 use super::swapchain::{Acquired, FRAMES, Swapchain};
@@ -152,7 +152,7 @@ impl Screen {
     /// The viewer's configuration where the device takes it, else the last one that it took.
     fn accept(&mut self, viewer: &mut Viewer, views: &[View]) -> RenderConfig {
         let config = viewer.frame_config();
-        match config.check(views.len(), &self.gpu.capabilities) {
+        match for_screens(&config).and_then(|()| config.check(views.len(), &self.gpu.capabilities)) {
             Ok(()) => self.accepted.clone_from(&config),
             Err(error) => viewer.message = Some(error.to_string()),
         }
@@ -193,6 +193,15 @@ impl Screen {
         let (pictures, _) = offscreen.render(&stage.scene, &views, &config)?;
         side_by_side(&pictures.iter().map(picture_of).collect::<Result<Vec<_>, _>>()?)
     }
+}
+
+/// Lenses other than perspective are for pictures.
+fn for_screens(config: &RenderConfig) -> Result<(), ConfigError> {
+    if config.lens == Lens::Perspective {
+        return Ok(());
+    }
+    let lens = config.lens;
+    Err(ConfigError(format!("lens {lens}: a window shows perspective; take a picture by motes render --lens {lens}")))
 }
 
 impl From<PainterError> for CommandError {

@@ -22,6 +22,7 @@
 //! mirrored or wrapped. The tangent projection does the same with the half-space of its tangent plane (`d · m > 0`). The
 //! planar low-pass filter has no width at or behind depth 0, since a pixel has none there.
 
+mod lens;
 mod prepare;
 mod raster;
 #[cfg(test)]
@@ -32,7 +33,7 @@ mod textbook;
 use glam::DVec3;
 use motes_scenes::{Splats, sh_coefficients};
 
-use crate::config::{LowPass, OrderKey, Projection, RadiusRule, RenderConfig};
+use crate::config::{Lens, LowPass, OrderKey, Projection, RadiusRule, RenderConfig};
 use crate::projection::MIN_ALPHA;
 use crate::view::View;
 
@@ -65,8 +66,10 @@ pub enum Reach {
 /// Everything that decides what a reference picture shows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReferenceOptions {
-    /// How a splat is projected.
+    /// How a splat is projected. Affine through a lens that is not perspective linearises that lens at the mean.
     pub projection: Projection,
+    /// The lens.
+    pub lens: Lens,
     /// The low-pass filter.
     pub low_pass: LowPass,
     /// What splats are ordered by.
@@ -97,6 +100,7 @@ impl Default for ReferenceOptions {
     fn default() -> Self {
         Self {
             projection: Projection::Exact,
+            lens: Lens::Perspective,
             low_pass: LowPass::Planar,
             order: ReferenceOrder::Radial(None),
             reach: Reach::Rule(RadiusRule::Full),
@@ -133,6 +137,7 @@ impl ReferenceOptions {
     pub fn of_config(config: &RenderConfig) -> Self {
         Self {
             projection: config.projection,
+            lens: config.lens,
             low_pass: config.low_pass,
             order: match config.order {
                 OrderKey::Radial => ReferenceOrder::Radial(None),
@@ -193,7 +198,8 @@ pub struct ReferencePixel {
     /// What the background still contributes, `0 ..= 1`.
     pub transmittance: f64,
     /// Eye depth (metres) of the first splat that takes the transmittance below ½, ∞ where none does: of its mean
-    /// (affine), of the point on its tangent plane, or of its largest response along the ray (exact).
+    /// (affine), of the point on its tangent plane, or of its largest response along the ray (exact). Through a lens the
+    /// distance instead.
     pub median_depth: f64,
     /// Splats that were blended here: alpha of at least 1/255, before the pixel was finished.
     pub layers: u32,
@@ -252,6 +258,7 @@ pub fn render(
     check_scene(splats)?;
     check_view(view)?;
     check_options(options)?;
+    options.lens.check(view).map_err(|e| ReferenceError::View { what: e.0 })?;
     prepare::render(splats, view, options)
 }
 
@@ -318,6 +325,11 @@ fn check_options(options: &ReferenceOptions) -> Result<(), ReferenceError> {
     }
     if !(options.time.is_finite() && options.background.iter().all(|c| c.is_finite())) {
         return error(format!("time {} or background {:?} is not finite", options.time, options.background));
+    }
+    if options.lens != Lens::Perspective
+        && (options.order == ReferenceOrder::Depth || options.reach == Reach::TrainerTiles)
+    {
+        return error(format!("lens: {} has neither a depth to order by nor the trainers' tiles", options.lens));
     }
     if options.reach == Reach::TrainerTiles && options.projection != Projection::Affine {
         return error(format!(

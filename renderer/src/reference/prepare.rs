@@ -4,9 +4,10 @@ use glam::{DVec2, DVec3};
 use motes_scenes::{Splats, sh_coefficients};
 use rayon::prelude::*;
 
+use super::lens::{LensAffineFootprint, LensRayFootprint, LensTiles};
 use super::raster::{Candidate, Footprint, rasterise};
 use super::{Reach, ReferenceError, ReferenceImage, ReferenceOptions, ReferenceOrder};
-use crate::config::{LowPass, Projection, RadiusRule};
+use crate::config::{Lens, LowPass, Projection, RadiusRule};
 use crate::motion::{Moment, moment};
 use crate::projection::{
     Ellipse, EyeSplat, MIN_ALPHA, RaySplat, near_fade, opacity_compensation, reach, tangent_basis,
@@ -26,9 +27,11 @@ pub(super) struct TileRect {
 
 /// What a footprint is made from: one splat in front of one view, with its reach `k` in standard deviations.
 pub(super) struct Projected<'a> {
-    view: &'a View,
-    options: &'a ReferenceOptions,
-    splat: EyeSplat,
+    pub view: &'a View,
+    pub options: &'a ReferenceOptions,
+    /// Where the image is not perspective, which tiles show which directions.
+    lens_tiles: Option<&'a LensTiles>,
+    pub splat: EyeSplat,
     opacity: f64,
 }
 
@@ -38,6 +41,13 @@ pub(super) fn render(
     view: &View,
     options: &ReferenceOptions,
 ) -> Result<ReferenceImage, ReferenceError> {
+    if options.lens != Lens::Perspective {
+        return match options.projection {
+            Projection::Affine => draw::<LensAffineFootprint>(splats, view, options),
+            Projection::Tangent => draw::<TangentFootprint>(splats, view, options),
+            Projection::Exact => draw::<LensRayFootprint>(splats, view, options),
+        };
+    }
     match (options.projection, options.reach) {
         (Projection::Affine, Reach::TrainerTiles) => draw::<TrainerFootprint>(splats, view, options),
         (Projection::Affine, Reach::Rule(_)) => draw::<AffineFootprint>(splats, view, options),
@@ -51,8 +61,11 @@ fn draw<F: Project>(
     view: &View,
     options: &ReferenceOptions,
 ) -> Result<ReferenceImage, ReferenceError> {
-    let mut candidates: Vec<Candidate<F>> =
-        (0..splats.len()).into_par_iter().filter_map(|i| prepare(splats, i, view, options)).collect();
+    let tiles = LensTiles::of(view, options.lens);
+    let mut candidates: Vec<Candidate<F>> = (0..splats.len())
+        .into_par_iter()
+        .filter_map(|i| prepare(splats, i, view, options, tiles.as_ref()))
+        .collect();
     // Stable: equal keys keep the order of the scene.
     candidates.par_sort_by(|a, b| a.key.total_cmp(&b.key));
     rasterise(&candidates, view, options)
@@ -64,6 +77,7 @@ pub(super) fn prepare<F: Project>(
     i: usize,
     view: &View,
     options: &ReferenceOptions,
+    lens_tiles: Option<&LensTiles>,
 ) -> Option<Candidate<F>> {
     let Moment { mean: relative, rotation, opacity } = moment(splats, i, options.time)?;
     if !(opacity >= MIN_ALPHA && opacity >= options.min_opacity) {
@@ -74,7 +88,8 @@ pub(super) fn prepare<F: Project>(
     let from_eye = relative - (view.eye - origin);
     let mean = view.rotation * from_eye;
     let distance = from_eye.length();
-    let measure = if options.projection == Projection::Affine { mean.z } else { distance };
+    let by_depth = options.projection == Projection::Affine && options.lens == Lens::Perspective;
+    let measure = if by_depth { mean.z } else { distance };
     let opacity = opacity * near_fade(measure, options.near, options.near_fade);
     let scales = DVec3::from_array(splats.log_scales[i].map(|s| f64::from(s).exp()));
     if !(opacity >= MIN_ALPHA && mean.is_finite() && scales.is_finite()) {
@@ -88,11 +103,12 @@ pub(super) fn prepare<F: Project>(
     let mut projected = Projected {
         view,
         options,
-        splat: EyeSplat::new(view, options.low_pass, mean, rotation, scales),
+        lens_tiles,
+        splat: EyeSplat::through(options.lens, view, options.low_pass, mean, rotation, scales),
         opacity,
     };
     if matches!(options.low_pass, LowPass::PlanarCompensated | LowPass::VolumetricCompensated) {
-        let plain = EyeSplat::new(view, LowPass::Off, mean, rotation, scales);
+        let plain = EyeSplat::through(options.lens, view, LowPass::Off, mean, rotation, scales);
         projected.opacity *= opacity_compensation(F::area(&plain, view), F::area(&projected.splat, view));
     }
     let (footprint, tiles) = F::project(&projected)?;
@@ -109,7 +125,7 @@ pub(super) fn prepare<F: Project>(
 
 impl Projected<'_> {
     /// Squared distance, in standard deviations, beyond which nothing is drawn. `None`: nothing is drawn at all.
-    fn limit(&self) -> Option<f64> {
+    pub fn limit(&self) -> Option<f64> {
         let rule = match self.options.reach {
             Reach::Rule(rule) => rule,
             Reach::TrainerTiles => RadiusRule::Full,
@@ -140,7 +156,10 @@ impl Projected<'_> {
     /// The plane `x = c z` through the eye touches the body where `(μx − c μz)² = k² |row0 − c row2|²`: a quadratic
     /// in c whose roots bound the silhouette (Steiner et al. 2025), as long as the whole body lies in front of the
     /// eye. Where the plane z = 0 cuts the body, each row and column of tiles is tested against its own two planes.
-    fn tiles_of_cone(&self, body: &EyeSplat, k: f64) -> Option<TileRect> {
+    pub fn tiles_of_cone(&self, body: &EyeSplat, k: f64) -> Option<TileRect> {
+        if let Some(tiles) = self.lens_tiles {
+            return tiles.around(body, k);
+        }
         let depth = body.support(DVec3::Z, k);
         let mean = body.mean;
         if !(mean.z + depth > 0.0) {
@@ -219,7 +238,7 @@ pub(super) struct TrainerFootprint {
 }
 
 impl Footprint for TrainerFootprint {
-    fn at(&self, pixel: DVec2, _slope: DVec2) -> (f64, f64) {
+    fn at(&self, pixel: DVec2, _ray: DVec3) -> (f64, f64) {
         let d = self.centre - pixel;
         let [a, b, c] = self.conic;
         (a * d.x * d.x + c * d.y * d.y + 2.0 * b * d.x * d.y, self.depth)
@@ -281,7 +300,7 @@ pub(super) struct AffineFootprint {
 }
 
 impl Footprint for AffineFootprint {
-    fn at(&self, pixel: DVec2, _slope: DVec2) -> (f64, f64) {
+    fn at(&self, pixel: DVec2, _ray: DVec3) -> (f64, f64) {
         let d = pixel - self.centre;
         (d.dot(self.axes[0]).powi(2) + d.dot(self.axes[1]).powi(2), self.depth)
     }
@@ -316,8 +335,7 @@ pub(super) struct TangentFootprint {
 }
 
 impl Footprint for TangentFootprint {
-    fn at(&self, _pixel: DVec2, slope: DVec2) -> (f64, f64) {
-        let ray = slope.extend(1.0);
+    fn at(&self, _pixel: DVec2, ray: DVec3) -> (f64, f64) {
         let along = ray.dot(self.direction);
         let square = ray.dot(self.axes[0]).powi(2) + ray.dot(self.axes[1]).powi(2);
         // Rays that point away from the plane (along ≤ 0) have a negative depth, and are left out by it.
@@ -357,8 +375,8 @@ impl Project for TangentFootprint {
 pub(super) struct RayFootprint(RaySplat);
 
 impl Footprint for RayFootprint {
-    fn at(&self, _pixel: DVec2, slope: DVec2) -> (f64, f64) {
-        self.0.at(slope)
+    fn at(&self, _pixel: DVec2, ray: DVec3) -> (f64, f64) {
+        self.0.at(ray.truncate())
     }
 }
 

@@ -1,19 +1,21 @@
 //! From ordered candidates to pixels.
 
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 use super::prepare::{TILE, TileRect};
 use super::{ReferenceError, ReferenceImage, ReferenceOptions, ReferenceOrder, ReferencePixel};
+use crate::config::Lens;
 use crate::projection::{MAX_ALPHA, MIN_ALPHA};
 use crate::view::View;
 
 /// How far pixels are from a splat's mean.
 pub(super) trait Footprint: Send + Sync {
-    /// Squared distance in standard deviations of the pixel with this centre (pixel-edge coordinates) and these
-    /// slopes from the mean, and the eye depth that the splat has there. A result that is not finite, or a depth that
-    /// is not positive, is nothing.
-    fn at(&self, pixel: DVec2, slope: DVec2) -> (f64, f64);
+    /// Squared distance in standard deviations of the pixel with this centre (pixel-edge coordinates) and this ray
+    /// from the mean, and the eye depth that the splat has there. A result that is not finite, or a depth that
+    /// is not positive, is nothing. The ray is of depth 1; through a lens it is of length 1, and what is wanted is
+    /// the distance.
+    fn at(&self, pixel: DVec2, ray: DVec3) -> (f64, f64);
 }
 
 /// A splat that some pixel may see.
@@ -34,8 +36,8 @@ pub(super) struct Candidate<F> {
 
 impl<F: Footprint> Candidate<F> {
     /// Alpha at a pixel and the depth there, where it is drawn.
-    fn alpha(&self, pixel: DVec2, slope: DVec2) -> Option<(f64, f64)> {
-        let (square, depth) = self.footprint.at(pixel, slope);
+    fn alpha(&self, pixel: DVec2, ray: DVec3) -> Option<(f64, f64)> {
+        let (square, depth) = self.footprint.at(pixel, ray);
         // The limit is the radius at which alpha is 1/255, or less: a hair more here, and the test on alpha decides.
         if !(square >= 0.0 && square <= self.limit * (1.0 + 1e-12) && depth > 0.0) {
             return None;
@@ -99,14 +101,19 @@ fn shade<F: Footprint>(
 ) -> ReferencePixel {
     let pixel = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
     let fov = &view.fov;
-    let slope = DVec2::new(
+    let place = DVec2::new(
         fov.left + (fov.right - fov.left) * pixel.x / f64::from(view.size[0]),
         fov.up + (fov.down - fov.up) * pixel.y / f64::from(view.size[1]),
     );
     let mut blend = Blend::default();
+    let ray = match options.lens {
+        Lens::Perspective => Some(place.extend(1.0)),
+        lens => lens.ray(place),
+    };
+    let Some(ray) = ray else { return blend.finish(options) };
     if options.order == ReferenceOrder::AlongRay {
         let mut hits: Vec<_> =
-            candidates.iter().filter_map(|c| c.alpha(pixel, slope).map(|(a, depth)| (depth, a, c))).collect();
+            candidates.iter().filter_map(|c| c.alpha(pixel, ray).map(|(a, depth)| (depth, a, c))).collect();
         hits.sort_by(|a, b| a.0.total_cmp(&b.0));
         for (depth, alpha, candidate) in hits {
             if !blend.add(alpha, depth, candidate.colour, options) {
@@ -115,7 +122,7 @@ fn shade<F: Footprint>(
         }
     } else {
         for candidate in candidates {
-            if let Some((alpha, depth)) = candidate.alpha(pixel, slope)
+            if let Some((alpha, depth)) = candidate.alpha(pixel, ray)
                 && !blend.add(alpha, depth, candidate.colour, options)
             {
                 break;
