@@ -138,7 +138,7 @@ impl Offscreen {
         config: &RenderConfig,
     ) -> Result<FrameReport, GpuError> {
         let mut whole = None::<FrameReport>;
-        for (views, config) in parts(views, config) {
+        for (views, config) in parts(views, config)? {
             let report = self.record(scene, &views, &config, Read::Nothing)?;
             match &mut whole {
                 None => whole = Some(report),
@@ -174,7 +174,7 @@ impl Offscreen {
         config: &RenderConfig,
     ) -> Result<(Vec<Picture>, FrameReport), GpuError> {
         if config.sorter != Sorter::Stochastic {
-            let mut parts = parts(views, config).into_iter();
+            let mut parts = parts(views, config)?.into_iter();
             let Some((first, config)) = parts.next() else { return self.one_picture(scene, views, config) };
             let (mut pictures, mut report) = self.one_picture(scene, &first, &config)?;
             for (views, config) in parts {
@@ -246,7 +246,7 @@ impl Offscreen {
         }
         self.sort(scene, views, config);
         let mut whole = None::<(Vec<LayerMap>, FrameReport)>;
-        for (views, config) in parts(views, config) {
+        for (views, config) in parts(views, config)? {
             let (further, of_part) = self.layers_of_part(scene, &views, &config)?;
             let Some((maps, report)) = &mut whole else {
                 whole = Some((further, of_part));
@@ -388,19 +388,22 @@ impl Offscreen {
     }
 }
 
-/// What a picture is drawn in, from left to right: itself, or the halves of what goes round the eye ([`Lens::parts`](
-/// crate::Lens)), with the configuration that means the same in each.
-fn parts(views: &[View], config: &RenderConfig) -> Vec<(Vec<View>, RenderConfig)> {
-    let [view] = views else { return vec![(views.to_vec(), config.clone())] };
+/// What a picture is drawn in, from left to right: itself, or the halves of what goes round the eye, with the
+/// configuration that means the same in each.
+fn parts(views: &[View], config: &RenderConfig) -> Result<Vec<(Vec<View>, RenderConfig)>, GpuError> {
+    let whole = || Ok(vec![(views.to_vec(), config.clone())]);
+    let [view] = views else { return whole() };
+    config.lens.check(view)?;
+    let parts = config.lens.parts(view);
+    if parts.len() == 1 {
+        return whole();
+    }
     let larger = |size: [u32; 2]| size[0].max(size[1]) as f32;
     let part = |part: View| {
         let max_radius = config.max_radius * larger(view.size) / larger(part.size);
         (vec![part], RenderConfig { max_radius, ..config.clone() })
     };
-    match config.lens.parts(view).as_slice() {
-        [_] => vec![(views.to_vec(), config.clone())],
-        halves => halves.iter().copied().map(part).collect(),
-    }
+    Ok(parts.into_iter().map(part).collect())
 }
 
 fn wider(left: [u32; 2], right: [u32; 2]) -> [u32; 2] {

@@ -74,7 +74,7 @@ impl EyeSplat {
     }
 
     /// [`EyeSplat::new`] through any lens. The filters are as wide as a pixel is at the mean: the planar one's columns are
-    /// the steps that lead one pixel on, the volumetric one takes their geometric mean.
+    /// the steps that lead one pixel on, the volumetric one is the side of a square of a pixel's area.
     pub fn through(
         lens: Lens,
         view: &View,
@@ -94,7 +94,7 @@ impl EyeSplat {
             LowPass::Off => (scales, [DVec3::ZERO; 2]),
             LowPass::Planar | LowPass::PlanarCompensated => (scales, [x * (deviation / fx), y * (deviation / fy)]),
             LowPass::Volumetric | LowPass::VolumetricCompensated => {
-                let width = deviation * (x.length() * y.length() / (fx * fy)).sqrt();
+                let width = deviation * (x.cross(y).length() / (fx * fy)).sqrt();
                 (scales.map(|s| s.hypot(width)), [DVec3::ZERO; 2])
             }
         };

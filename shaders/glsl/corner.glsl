@@ -178,10 +178,10 @@ vec4 lens_corner(uint corner, vec3 m, vec3 u, vec3 v, vec2 major, float ratio, f
     vec4 shown = view.tangents;
     float radius = plane_radius(reach, major, minor);
     float middle = lens_place_beside(m, lens_middle(shown)).x;
-    // How fast the image bends: one over the distance to the lens's pole.
-    float pole = LENS == LENS_EQUIRECTANGULAR ? atan(length(m.xz), abs(m.y)) : PI - atan(length(m.xy), m.z);
+    float bent = lens_bent(m);
     vec2 place;
-    if (!reach.bounded || !(radius < 0.25 * min(1.0, pole))) {
+    float size = radius * max(1.0, bent);
+    if (!reach.bounded || !(size < 0.9)) {
         LensBox box = lens_whole(shown);
         if (reach.bounded) box = lens_box(m, radius, shown);
         place = box.center + side.x * box.x + side.y * box.y;
@@ -200,7 +200,29 @@ vec4 lens_corner(uint corner, vec3 m, vec3 u, vec3 v, vec2 major, float ratio, f
         direction.y = mixed < 0.0 ? -direction.y : direction.y;
         float long_axis = sqrt(max(longer, 1e-30));
         float short_axis = abs(a.x * b.y - a.y * b.x) / long_axis;
-        float bend = long_axis * long_axis * (0.75 / pole + 0.5 * long_axis);
+        if (size > 0.15) {
+            // Of some size: a box around points of the ellipse's outline, along its longer axis in the image. Between
+            // two of 16 points the outline goes out by 1 - cos(π/16) of the box, and by what it bends there.
+            vec3 center = m + (reach.center.x * major.x + reach.center.y * minor.x) * u
+                        + (reach.center.x * major.y + reach.center.y * minor.y) * v;
+            vec3 p = long_axis * (direction.x * u + direction.y * v);
+            vec3 q = short_axis * (direction.x * v - direction.y * u);
+            vec2 axis = lens_place_beside(center + 0.01 * p, middle) - lens_place_beside(center - 0.01 * p, middle);
+            axis = length(axis) > 0.0 ? normalize(axis) : vec2(1.0, 0.0);
+            vec4 bounds = vec4(1e9, 1e9, -1e9, -1e9);
+            for (int i = 0; i < 16; i++) {
+                float t = float(i) * (PI / 8.0);
+                vec2 at = lens_place_beside(center + cos(t) * p + sin(t) * q, middle);
+                vec2 turned = vec2(dot(at, axis), axis.x * at.y - axis.y * at.x);
+                bounds = vec4(min(bounds.xy, turned), max(bounds.zw, turned));
+            }
+            vec2 half_size = 0.5 * (bounds.zw - bounds.xy);
+            half_size = 1.03 * half_size + 0.04 * lens_stretch(m) * (bent + long_axis) * long_axis * long_axis;
+            vec2 turned = 0.5 * (bounds.xy + bounds.zw) + side * half_size;
+            place = vec2(axis.x * turned.x - axis.y * turned.y, axis.y * turned.x + axis.x * turned.y);
+            return vec4(2.0 * (place - shown.xz) / (shown.yw - shown.xz) - 1.0, 0.5, 1.0);
+        }
+        float bend = long_axis * long_axis * (0.6 * bent + 0.5 * long_axis);
         vec2 ab = reach.center.x * major + reach.center.y * minor + unit.x * (long_axis + bend) * direction
                 + unit.y * (short_axis + bend) * vec2(-direction.y, direction.x);
         place = lens_place_beside(m + ab.x * u + ab.y * v, middle);

@@ -44,6 +44,24 @@ void lens_steps(vec3 m, out vec3 x, out vec3 y) {
     y = radial * p.y + around * p.x;
 }
 
+// How much the image of a great circle through m bends at most: its curvature, measured on the sphere. Equirectangular:
+// tan of the latitude; fisheye, for circles around the axis: θ / sin² θ - cot θ.
+float lens_bent(vec3 m) {
+    if (LENS == LENS_EQUIRECTANGULAR) return abs(m.y) / max(length(m.xz), 1e-6);
+    float across = length(m.xy);
+    float theta = atan(across, m.z);
+    // By its series where both terms are large and nearly equal.
+    return theta < 0.1 ? theta * (2.0 / 3.0) : (theta / across - m.z) / max(across, 1e-6);
+}
+
+// The most that an angle at m is stretched in the image.
+float lens_stretch(vec3 m) {
+    if (LENS == LENS_EQUIRECTANGULAR) return 1.0 / max(length(m.xz), 1e-3);
+    float across = length(m.xy);
+    float theta = atan(across, m.z);
+    return theta > 0.0 ? theta / max(across, 1e-3) : 1.0;
+}
+
 // An angle in (-π, π].
 float wrapped(float angle) { return angle - 2.0 * PI * round(angle / (2.0 * PI)); }
 

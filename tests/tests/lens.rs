@@ -57,7 +57,7 @@ fn every_lens_and_shape_agrees_with_the_reference() {
     let mut offscreen = Offscreen::new(&gpu).unwrap();
     for (lens, degrees, size) in [
         (Lens::Fisheye, 180.0, [96, 96]),
-        (Lens::Fisheye, 330.0, [97, 80]),
+        (Lens::Fisheye, 356.0, [97, 80]),
         (Lens::Equirectangular, 360.0, [144, 72]),
         (Lens::Equirectangular, 120.0, [96, 64]),
     ] {
@@ -66,7 +66,10 @@ fn every_lens_and_shape_agrees_with_the_reference() {
             let mut config = every_layer(lens, projection);
             let expected = truth(&splats, &view, &ReferenceOptions::of_config(&config));
             let sideways = View { rotation: DMat3::from_rotation_z(0.2) * view.rotation, ..view };
-            for shape in [QuadShape::Octagon, QuadShape::Square, QuadShape::Diamond] {
+            // Further shapes once a lens: each takes pipelines of its own.
+            let further = degrees > 350.0 && projection == Projection::Tangent;
+            let shapes = [QuadShape::Octagon, QuadShape::Square, QuadShape::Diamond];
+            for shape in shapes.into_iter().take(if further { 3 } else { 1 }) {
                 config.shape = shape;
                 let name = format!("{lens} {degrees}° {projection} {shape}");
                 let (pictures, report) = offscreen.render(&on_device, &[view], &config).unwrap();
@@ -78,6 +81,7 @@ fn every_lens_and_shape_agrees_with_the_reference() {
                 assert!(db >= least, "{name}: {db:.1} dB");
             }
             // Control: a head turned by 0.2 is another picture.
+            config.shape = QuadShape::Octagon;
             let (turned, _) = offscreen.render(&on_device, &[sideways], &config).unwrap();
             let db = psnr(&colours(&turned[0]), &expected);
             assert!(db < 30.0, "{lens}: {db:.1} dB for another picture");
@@ -114,7 +118,12 @@ fn filters_are_as_wide_as_the_lenss_pixels() {
 #[test]
 fn far_from_the_axis_tangent_is_much_nearer_to_the_truth_than_affine() {
     let gpu = TestGpu::new();
-    let splats = scene();
+    let mut splats = scene();
+    for mean in &mut splats.means {
+        // None so near that its own depth makes the difference, which no plane knows.
+        let distance = DVec3::from_array(mean.map(f64::from)).length() as f32;
+        *mean = mean.map(|v| v * (distance + 1.0) / distance);
+    }
     let on_device = SceneOnDevice::new(&gpu, &splats, PLAIN).unwrap();
     let mut offscreen = Offscreen::new(&gpu).unwrap();
     for (lens, degrees, size) in
@@ -168,7 +177,7 @@ fn the_seam_is_like_any_other_column() {
 #[test]
 fn pixels_stop_early_through_a_lens_too() {
     let gpu = TestGpu::new();
-    let mut splats = Recipe { count: 4000, log_scales: [-3.0, -1.8], ..Default::default() }.still();
+    let mut splats = Recipe { count: 12_000, log_scales: [-4.6, -3.2], ..Default::default() }.still();
     splats.opacities.fill(0.9);
     let on_device = SceneOnDevice::new(&gpu, &splats, PLAIN).unwrap();
     let mut offscreen = Offscreen::new(&gpu).unwrap();
@@ -179,19 +188,24 @@ fn pixels_stop_early_through_a_lens_too() {
         let config = RenderConfig { lens, radius: RadiusRule::OpacityAware, ..Default::default() };
         let every = RenderConfig { composite: Composite::FrontToBack, ..config.clone() };
         let (stopped, report) = offscreen.render(&on_device, &[view], &config).unwrap();
-        let (whole, of_whole) = offscreen.render(&on_device, &[view], &every).unwrap();
+        let (whole, _) = offscreen.render(&on_device, &[view], &every).unwrap();
         let db = psnr(&colours(&stopped[0]), &colours(&whole[0]));
-        println!("{lens}: {} fragments of {}, {db:.1} dB", report.fragments, of_whole.fragments);
-        assert!(report.fragments * 3 < of_whole.fragments * 2, "{lens}: nothing was saved");
         assert!(db >= 45.0, "{lens}: {db:.1} dB");
-        // Counted layers are the picture's, halves and all.
-        let (maps, _) = offscreen.layers(&on_device, &[view], &config).unwrap();
-        assert_eq!((maps[0].size, maps[0].shaded.len()), (size, (size[0] * size[1]) as usize));
-        let counted = maps[0].mean_shaded() * f64::from(size[0] * size[1]);
-        assert!((counted - report.fragments as f64).abs() <= 0.01 * counted, "{counted}");
+        let mut layers = |config| {
+            let (maps, _) = offscreen.layers(&on_device, &[view], config).unwrap();
+            assert_eq!((maps[0].size, maps[0].shaded.len()), (size, (size[0] * size[1]) as usize));
+            (maps[0].mean_shaded(), maps[0].mean_blended())
+        };
+        let ((shaded, blended), (of_whole, blended_of_whole)) = (layers(&config), layers(&every));
+        println!("{lens}: {shaded:.1} layers of {of_whole:.1} ({blended:.1} of {blended_of_whole:.1} blended), {db:.1} dB");
+        assert!(shaded * 3.0 < of_whole * 2.0, "{lens}: nothing was saved");
+        // Polygons do not cover much more than their splats.
+        assert!(of_whole < 1.7 * blended_of_whole, "{lens}");
         // The prediction that governs overdraw knows the lens.
-        let ratio = f64::from(report.predicted_fragments) / of_whole.fragments as f64;
-        assert!((0.5..2.0).contains(&ratio), "{lens}: predicted {ratio:.2} of what was shaded");
+        let pixels = f64::from(size[0] * size[1]);
+        let predicted = f64::from(report.predicted_fragments) / pixels;
+        println!("  predicted {predicted:.1}, {:.1} of it left", f64::from(report.predicted_unhidden) / pixels);
+        assert!((0.5..2.0).contains(&(predicted / of_whole)), "{lens}: predicted {predicted:.1} layers");
     }
 }
 

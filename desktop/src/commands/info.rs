@@ -23,7 +23,9 @@ pub struct InfoArgs {
     /// Print JSON
     #[arg(long)]
     pub json: bool,
+    // No doc comment: clap would take it for the text of the help.
     #[command(flatten)]
+    #[allow(missing_docs, reason = "as above")]
     pub plan: PlanArgs,
 }
 
