@@ -357,7 +357,8 @@ impl Governor {
             return Some(self.go(next, cost));
         }
         // Far below the budget there is no need to wait as long.
-        let patience = if cost < 0.5 * limit { self.tuning.patience.div_ceil(3) } else { self.tuning.patience };
+        let patience =
+            if cost < 0.5 * limit { self.tuning.patience.div_ceil(3) } else { self.tuning.patience };
         (self.under >= patience).then(|| self.go(self.level_below(config), cost))
     }
 
@@ -374,11 +375,8 @@ impl Governor {
         if self.tuning.memory <= 0.0 || !(cost > 0.0 && before > 0.0) {
             return;
         }
-        let (step, ratio, at) = if self.level > from {
-            (self.level, before / cost, cost)
-        } else {
-            (from, cost / before, before)
-        };
+        let (step, ratio, at) =
+            if self.level > from { (self.level, before / cost, cost) } else { (from, cost / before, before) };
         self.savings[step] = Some(Saving { ratio: ratio.max(1.0), at });
     }
 

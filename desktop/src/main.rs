@@ -30,7 +30,9 @@ fn main() -> ExitCode {
     let Cli { command, view } = Cli::parse();
     // Which runtime, headset and extensions are in use is what users of a headset need to tell.
     let filter = match command {
-        Some(Command::Xr(_)) => "warn,motes_xr=info,motes_app::governor=info,motes_renderer::pipeline_cache=info",
+        Some(Command::Xr(_)) => {
+            "warn,motes_xr=info,motes_app::governor=info,motes_renderer::pipeline_cache=info"
+        }
         None => "error,motes_app::governor=info,motes_renderer::pipeline_cache=warn",
         Some(_) => "error",
     };

@@ -138,7 +138,8 @@ impl ShotArgs {
     pub fn shots(&self, opened: &Opened, lens: Lens) -> Result<Vec<Shot>, CommandError> {
         if lens == Lens::Perspective {
             if let Some(degrees) = self.fov.filter(|&d| d >= 179.0) {
-                let what = format!("--fov {degrees}: perspective ends below 179; choose --lens fisheye, or less");
+                let what =
+                    format!("--fov {degrees}: perspective ends below 179; choose --lens fisheye, or less");
                 return Err(CommandError::Usage(what));
             }
             return self.perspective(opened);
@@ -148,7 +149,8 @@ impl ShotArgs {
         let usual = if lens == Lens::Equirectangular { [1280, 640] } else { [960, 960] };
         let size = self.size.map_or(usual, |s| s.0);
         let ahead = Self { fov: None, ..self.clone() };
-        let through = |shot: Shot| Shot { view: View { fov: lens.fov(angle, size), size, ..shot.view }, ..shot };
+        let through =
+            |shot: Shot| Shot { view: View { fov: lens.fov(angle, size), size, ..shot.view }, ..shot };
         Ok(ahead.perspective(opened)?.into_iter().map(through).collect())
     }
 

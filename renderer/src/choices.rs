@@ -2,8 +2,8 @@
 //! prints. A new field is one line in [`CHOICES`].
 
 use crate::config::{
-    Axis, Composite, Expansion, KeyBits, Lens, LowPass, OrderKey, Precision, Projection, QuadShape, RadiusRule,
-    RenderConfig, ShPrecision, Sorter, TargetFormat, TimeCull, Upscale,
+    Axis, Composite, Expansion, KeyBits, Lens, LowPass, OrderKey, Precision, Projection, QuadShape,
+    RadiusRule, RenderConfig, ShPrecision, Sorter, TargetFormat, TimeCull, Upscale,
 };
 
 /// How a choice is made.

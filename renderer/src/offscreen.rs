@@ -415,5 +415,9 @@ fn beside<T: Copy>(left: &[T], right: &[T], left_size: [u32; 2], right_size: [u3
     let rows = |pixels: &[T], size: [u32; 2]| -> Vec<Vec<T>> {
         pixels.chunks_exact((size[0] as usize).max(1)).map(<[T]>::to_vec).collect()
     };
-    rows(left, left_size).into_iter().zip(rows(right, right_size)).flat_map(|(l, r)| [l, r].concat()).collect()
+    rows(left, left_size)
+        .into_iter()
+        .zip(rows(right, right_size))
+        .flat_map(|(l, r)| [l, r].concat())
+        .collect()
 }

@@ -226,7 +226,14 @@ impl fmt::Display for Plan {
             let asked = if d.overridden { " (asked for)" } else { "" };
             writeln!(f, "  {name:18} {on:3}  {:9} {:4} B  {}{asked}", d.choice, d.bytes_per_splat, d.reason)?;
         }
-        writeln!(f, "  {:18} {:3}  {:9} {:4} B  a splat on the device", "together", "", "", self.bytes_per_splat())
+        writeln!(
+            f,
+            "  {:18} {:3}  {:9} {:4} B  a splat on the device",
+            "together",
+            "",
+            "",
+            self.bytes_per_splat()
+        )
     }
 }
 

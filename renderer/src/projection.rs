@@ -92,7 +92,9 @@ impl EyeSplat {
         let deviation = LOW_PASS_VARIANCE.sqrt() * distance;
         let (scales, filter) = match low_pass {
             LowPass::Off => (scales, [DVec3::ZERO; 2]),
-            LowPass::Planar | LowPass::PlanarCompensated => (scales, [x * (deviation / fx), y * (deviation / fy)]),
+            LowPass::Planar | LowPass::PlanarCompensated => {
+                (scales, [x * (deviation / fx), y * (deviation / fy)])
+            }
             LowPass::Volumetric | LowPass::VolumetricCompensated => {
                 let width = deviation * (x.cross(y).length() / (fx * fy)).sqrt();
                 (scales.map(|s| s.hypot(width)), [DVec3::ZERO; 2])

@@ -7,8 +7,8 @@ use glam::{DMat3, DVec3};
 use motes_renderer::gpu::GpuError;
 use motes_renderer::reference::{self, ReferenceOptions};
 use motes_renderer::{
-    Composite, Expansion, Lens, LowPass, Offscreen, OrderKey, Packing, Picture, Precision, Projection, QuadShape,
-    RadiusRule, RenderConfig, SceneOnDevice, ShPrecision, Sorter, View,
+    Composite, Expansion, Lens, LowPass, Offscreen, OrderKey, Packing, Picture, Precision, Projection,
+    QuadShape, RadiusRule, RenderConfig, SceneOnDevice, ShPrecision, Sorter, View,
 };
 use motes_scenes::Splats;
 use motes_scenes::synthetic::Recipe;
@@ -95,8 +95,7 @@ fn filters_are_as_wide_as_the_lenss_pixels() {
     let splats = scene();
     let on_device = SceneOnDevice::new(&gpu, &splats, PLAIN).unwrap();
     let mut offscreen = Offscreen::new(&gpu).unwrap();
-    for (lens, degrees, size) in
-        [(Lens::Fisheye, 300.0, [80, 80]), (Lens::Equirectangular, 360.0, [112, 56])]
+    for (lens, degrees, size) in [(Lens::Fisheye, 300.0, [80, 80]), (Lens::Equirectangular, 360.0, [112, 56])]
     {
         let view = view(lens, degrees, size);
         let config = |low_pass| RenderConfig { low_pass, ..every_layer(lens, Projection::Tangent) };
@@ -126,12 +125,12 @@ fn far_from_the_axis_tangent_is_much_nearer_to_the_truth_than_affine() {
     }
     let on_device = SceneOnDevice::new(&gpu, &splats, PLAIN).unwrap();
     let mut offscreen = Offscreen::new(&gpu).unwrap();
-    for (lens, degrees, size) in
-        [(Lens::Fisheye, 300.0, [96, 96]), (Lens::Equirectangular, 360.0, [144, 72])]
+    for (lens, degrees, size) in [(Lens::Fisheye, 300.0, [96, 96]), (Lens::Equirectangular, 360.0, [144, 72])]
     {
         let view = view(lens, degrees, size);
         let config = every_layer(lens, Projection::Tangent);
-        let exact = ReferenceOptions { projection: Projection::Exact, ..ReferenceOptions::of_config(&config) };
+        let exact =
+            ReferenceOptions { projection: Projection::Exact, ..ReferenceOptions::of_config(&config) };
         let exact_picture = truth(&splats, &view, &exact);
         let affine = truth(&splats, &view, &ReferenceOptions { projection: Projection::Affine, ..exact });
         let (pictures, _) = offscreen.render(&on_device, &[view], &config).unwrap();
@@ -181,8 +180,7 @@ fn pixels_stop_early_through_a_lens_too() {
     splats.opacities.fill(0.9);
     let on_device = SceneOnDevice::new(&gpu, &splats, PLAIN).unwrap();
     let mut offscreen = Offscreen::new(&gpu).unwrap();
-    for (lens, degrees, size) in
-        [(Lens::Fisheye, 200.0, [96, 96]), (Lens::Equirectangular, 360.0, [129, 64])]
+    for (lens, degrees, size) in [(Lens::Fisheye, 200.0, [96, 96]), (Lens::Equirectangular, 360.0, [129, 64])]
     {
         let view = view(lens, degrees, size);
         let config = RenderConfig { lens, radius: RadiusRule::OpacityAware, ..Default::default() };
@@ -197,14 +195,19 @@ fn pixels_stop_early_through_a_lens_too() {
             (maps[0].mean_shaded(), maps[0].mean_blended())
         };
         let ((shaded, blended), (of_whole, blended_of_whole)) = (layers(&config), layers(&every));
-        println!("{lens}: {shaded:.1} layers of {of_whole:.1} ({blended:.1} of {blended_of_whole:.1} blended), {db:.1} dB");
+        println!(
+            "{lens}: {shaded:.1} layers of {of_whole:.1} ({blended:.1} of {blended_of_whole:.1} blended), {db:.1} dB"
+        );
         assert!(shaded * 3.0 < of_whole * 2.0, "{lens}: nothing was saved");
         // Polygons do not cover much more than their splats.
         assert!(of_whole < 1.7 * blended_of_whole, "{lens}");
         // The prediction that governs overdraw knows the lens.
         let pixels = f64::from(size[0] * size[1]);
         let predicted = f64::from(report.predicted_fragments) / pixels;
-        println!("  predicted {predicted:.1}, {:.1} of it left", f64::from(report.predicted_unhidden) / pixels);
+        println!(
+            "  predicted {predicted:.1}, {:.1} of it left",
+            f64::from(report.predicted_unhidden) / pixels
+        );
         assert!((0.5..2.0).contains(&(predicted / of_whole)), "{lens}: predicted {predicted:.1} layers");
     }
 }

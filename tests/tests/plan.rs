@@ -199,7 +199,9 @@ fn the_plan_is_printed_with_what_it_saves() {
     assert!(plain.bytes < plain.bytes_switched_on && plain.bytes_switched_on < plain.bytes_of_every_buffer);
     let text = plain.to_string();
     println!("{text}");
-    for part in ["motion", "off", "--sh-degree overrides", "neither buffer nor instruction", "--precision f16"] {
+    for part in
+        ["motion", "off", "--sh-degree overrides", "neither buffer nor instruction", "--precision f16"]
+    {
         assert!(text.contains(part), "{part}");
     }
 
@@ -214,6 +216,8 @@ fn the_plan_is_printed_with_what_it_saves() {
     assert!(plain.bytes < coloured.bytes && coloured.bytes < moving.bytes);
     let json = serde_json::to_value(&moving).unwrap();
     let motion = json["effects"].as_array().unwrap().iter().find(|e| e["topic"] == "motion").unwrap();
-    assert!(motion["on"] == true && motion["option"].is_null() && motion["bytes_per_splat"].as_u64() > Some(0));
+    assert!(
+        motion["on"] == true && motion["option"].is_null() && motion["bytes_per_splat"].as_u64() > Some(0)
+    );
     assert_eq!(json["bytes"].as_u64(), Some(moving.bytes));
 }

@@ -4,9 +4,12 @@
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
+use glam::DVec3;
 use motes_app::eye::{EyeMode, EyeMotion};
+use motes_app::governor::{Budget, Governor, LADDER};
 use motes_app::viewer::{Command, Viewer};
-use motes_renderer::{Precision, RenderConfig, View};
+use motes_renderer::{Fov, Offscreen, PRESETS, Packing, Precision, RenderConfig, SceneOnDevice, View};
+use motes_scenes::synthetic::Recipe;
 use motes_tests::{TestGpu, sample};
 
 /// Goes on until something is so; returns the frames that it took and the progress that was seen.
@@ -76,4 +79,63 @@ fn scenes_load_while_frames_go_on() {
     viewer.obey(Command::SwitchStereo);
     let views = viewer.views([200, 100]);
     assert_eq!((views.len(), views[0].size), (2, [100, 100]));
+}
+
+/// Frames on a device, each drawn by what the governor made of the ones before.
+#[test]
+fn the_governor_holds_its_budget_and_gives_back_what_it_took() {
+    let gpu = TestGpu::new();
+    let mut offscreen = Offscreen::new(&gpu).unwrap();
+    let recipe = Recipe { count: 3000, log_scales: [-3.0, -1.5], ..Default::default() };
+    let config = RenderConfig { sh_degree: 0, ..Default::default() };
+    let scene = SceneOnDevice::new(&gpu, &recipe.still(), Packing::of_config(&config)).unwrap();
+    let size = [64, 48];
+    let fov = Fov::vertical(0.9, size);
+    let view = View::look_at(DVec3::new(0.0, 0.0, -2.5), DVec3::ZERO, DVec3::NEG_Y, fov, size);
+    for preset in PRESETS {
+        // Whatever was asked for, no step makes choices that the device refuses.
+        let mut governor = Governor::new(Budget::Layers(0.1));
+        let mut asked = (preset.config)();
+        asked.expansion = config.expansion;
+        for _ in 0..400 {
+            governor.observe_cost(100.0, &asked);
+            governor.apply(&asked).check(1, &gpu.capabilities).unwrap();
+        }
+        assert_eq!(governor.level(), LADDER.len(), "{}", preset.name);
+    }
+
+    let mut draw = |config: &RenderConfig| offscreen.render(&scene, &[view], config).unwrap();
+    let (as_asked, report) = draw(&config);
+    let whole = Budget::Layers(1.0).cost(&report, &config).unwrap();
+    let budget = 0.4 * whole;
+    let mut governor = Governor::new(Budget::Layers(budget));
+    let (mut changes, mut level_costs) = (0, vec![whole]);
+    for _ in 0..400 {
+        let (_, report) = draw(&governor.apply(&config));
+        let cost = Budget::Layers(1.0).cost(&report, &config).unwrap();
+        if governor.observe(&report, &config).is_some() {
+            level_costs.push(cost);
+            changes += 1;
+        }
+    }
+    println!(
+        "{whole:.1} layers, budget {budget:.1}: {:.1} at {:?}; {level_costs:.1?}",
+        governor.cost(),
+        governor.step()
+    );
+    // Control: without steps the frame is over the budget.
+    assert!(whole > budget && governor.cost() <= budget && governor.is_at_rest());
+    assert!(governor.level() > 0 && changes <= LADDER.len(), "{changes} changes");
+    // Each step up was taken since the one before did not suffice, and none made it worse.
+    assert!(level_costs.windows(2).all(|c| c[1] <= c[0] * 1.001), "{level_costs:?}");
+
+    governor.set_budget(Budget::Layers(3.0 * whole));
+    for _ in 0..1200 {
+        let (_, report) = draw(&governor.apply(&config));
+        governor.observe(&report, &config);
+        if governor.level() == 0 {
+            break;
+        }
+    }
+    assert_eq!(draw(&governor.apply(&config)).0, as_asked, "what was taken came back");
 }

@@ -12,8 +12,13 @@ pub const MENU_SIZE: [u32; 2] = [960, 720];
 pub const PIXELS_PER_POINT: f32 = 2.0;
 
 /// Budgets to choose from.
-const BUDGETS: [Option<Budget>; 5] =
-    [None, Some(Budget::Layers(30.0)), Some(Budget::QUEST_3), Some(Budget::Layers(12.0)), Some(Budget::Layers(8.0))];
+const BUDGETS: [Option<Budget>; 5] = [
+    None,
+    Some(Budget::Layers(30.0)),
+    Some(Budget::QUEST_3),
+    Some(Budget::Layers(12.0)),
+    Some(Budget::Layers(8.0)),
+];
 
 /// What the user wants, read off the panel.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -217,9 +222,21 @@ mod tests {
         let (raw, pointer) = input(&events, 0.0, *at);
         *at = pointer;
         let settings = Settings::default();
-        let facts = MenuFacts { scene: "plant", settings: Some(&settings), ..MenuFacts::default() };
+        let governor = Governor::new(Budget::QUEST_3);
+        let facts = MenuFacts {
+            scene: "plant",
+            settings: Some(&settings),
+            governor: Some(&governor),
+            ..MenuFacts::default()
+        };
         let mut commands = Vec::new();
-        let mut output = context.run_ui(raw, |ui| commands = show(ui, &facts, &Comfort::default()));
+        let mut bottom = 0.0;
+        let mut output = context.run_ui(raw, |ui| {
+            commands = show(ui, &facts, &Comfort::default());
+            bottom = ui.min_rect().bottom();
+        });
+        let height = MENU_SIZE[1] as f32 / PIXELS_PER_POINT;
+        assert!(bottom <= height, "the panel is {height} points high, and its content {bottom}");
         output.textures_delta.clear();
         commands
     }
@@ -241,6 +258,14 @@ mod tests {
         assert!(!exits.is_empty(), "no exit in the upper right corner");
         let (u, v) = exits[exits.len() / 2];
         assert_eq!(clicks(0.5, 0.99), [], "nothing is there");
+        let everywhere = (0..1600).map(|i| (0.025 * (i % 40) as f32, 0.025 * (i / 40) as f32));
+        let budgets: Vec<_> = everywhere
+            .flat_map(|(u, v)| clicks(u, v))
+            .filter_map(|command| if let MenuCommand::Budget(budget) = command { Some(budget) } else { None })
+            .collect();
+        for budget in BUDGETS {
+            assert!(budgets.contains(&budget), "{budget:?} cannot be chosen");
+        }
         assert_eq!(frame(&context, pointing(u, v), &mut at), [], "pointing alone does nothing");
     }
 }

@@ -113,7 +113,10 @@ impl PlanReport {
 
 impl fmt::Display for PlanReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "\nplan: only what the scene calls for (bytes a splat, of those with everything switched on)")?;
+        writeln!(
+            f,
+            "\nplan: only what the scene calls for (bytes a splat, of those with everything switched on)"
+        )?;
         for PlannedEffect { decision: d, bytes_per_splat_switched_on: whole, option } in &self.effects {
             let on = if d.on { "on" } else { "off" };
             let by = match (option, d.overridden) {
@@ -135,6 +138,11 @@ impl fmt::Display for PlanReport {
             mega(self.bytes_switched_on),
             mega(self.bytes_of_every_buffer),
         )?;
-        writeln!(f, "  pictures of both are at least {} dB alike; drawn so by: {}", self.bound_db, self.options.join(" "))
+        writeln!(
+            f,
+            "  pictures of both are at least {} dB alike; drawn so by: {}",
+            self.bound_db,
+            self.options.join(" ")
+        )
     }
 }

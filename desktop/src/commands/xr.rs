@@ -84,7 +84,8 @@ pub fn run(args: &XrArgs) -> Result<Outcome, CommandError> {
     settings.comfort.left_handed |= args.left_handed;
     let config = args.config();
     if config.lens != Lens::Perspective {
-        let what = format!("--lens {}: a headset shows perspective; motes render takes the picture", config.lens);
+        let what =
+            format!("--lens {}: a headset shows perspective; motes render takes the picture", config.lens);
         return Err(CommandError::Usage(what));
     }
     let options = ShowOptions {

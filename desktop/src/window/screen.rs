@@ -8,7 +8,9 @@ use motes_app::painter::{Before, Painter, PainterError};
 use motes_app::viewer::{Figures, Viewer};
 use motes_renderer::gpu::{Gpu, GpuError, Image, ImageDescription};
 use motes_renderer::pipeline_cache;
-use motes_renderer::{ConfigError, DrawRequest, Lens, Offscreen, RenderConfig, Renderer, Stereo, Target, View};
+use motes_renderer::{
+    ConfigError, DrawRequest, Lens, Offscreen, RenderConfig, Renderer, Stereo, Target, View,
+};
 use winit::raw_window_handle::{RawDisplayHandle, RawWindowHandle};
 
 use super::swapchain::{Acquired, FRAMES, Swapchain};
@@ -201,7 +203,9 @@ fn for_screens(config: &RenderConfig) -> Result<(), ConfigError> {
         return Ok(());
     }
     let lens = config.lens;
-    Err(ConfigError(format!("lens {lens}: a window shows perspective; take a picture by motes render --lens {lens}")))
+    Err(ConfigError(format!(
+        "lens {lens}: a window shows perspective; take a picture by motes render --lens {lens}"
+    )))
 }
 
 impl From<PainterError> for CommandError {

@@ -130,8 +130,7 @@ impl Project for LensAffineFootprint {
         let place = lens.place(direction);
         let centre = DVec2::new(fx * (place.x - view.fov.left), fy * (place.y - view.fov.up));
         let (u, v) = (ellipse.direction, ellipse.direction.perp());
-        let period =
-            if lens == Lens::Equirectangular { std::f64::consts::TAU * fx } else { f64::INFINITY };
+        let period = if lens == Lens::Equirectangular { std::f64::consts::TAU * fx } else { f64::INFINITY };
         // An ellipse may reach anywhere in the image: every tile looks.
         let tiles = view.size.map(|s| [0, s.div_ceil(TILE)]);
         let footprint = Self { centre, axes: [u / major, v / minor], period, distance };

@@ -329,7 +329,10 @@ fn check_options(options: &ReferenceOptions) -> Result<(), ReferenceError> {
     if options.lens != Lens::Perspective
         && (options.order == ReferenceOrder::Depth || options.reach == Reach::TrainerTiles)
     {
-        return error(format!("lens: {} has neither a depth to order by nor the trainers' tiles", options.lens));
+        return error(format!(
+            "lens: {} has neither a depth to order by nor the trainers' tiles",
+            options.lens
+        ));
     }
     if options.reach == Reach::TrainerTiles && options.projection != Projection::Affine {
         return error(format!(
