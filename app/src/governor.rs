@@ -8,6 +8,7 @@
 //!
 //! It does not swing. A frame over the budget moves it up; it comes down only where the step below is expected to fit
 //! with a margin, which it knows from what that step saved when it was taken, and only after frames in a row said so.
+//! Where that was seen only once it may come down in vain, once: then it knows.
 //! Under a constant load it therefore comes to rest, whatever the steps save; the tests hold it to that.
 
 use std::fmt;
@@ -193,7 +194,8 @@ pub struct Tuning {
     pub margin: f64,
     /// What the step below takes, over what is taken now, where it is not known.
     pub guess: f64,
-    /// What a step saved is known until the cost on it has changed by this share. 0: it is never known.
+    /// What a step saved is known if it came out twice within this share, until the cost on it has changed by as much.
+    /// 0: it is never known.
     pub memory: f64,
 }
 
@@ -210,6 +212,8 @@ struct Saving {
     ratio: f64,
     /// Cost on it then.
     at: f64,
+    /// It came out so twice: the scene did not happen to change at the same moment.
+    sure: bool,
 }
 
 /// A change of the step in force.
@@ -377,14 +381,16 @@ impl Governor {
         }
         let (step, ratio, at) =
             if self.level > from { (self.level, before / cost, cost) } else { (from, cost / before, before) };
-        self.savings[step] = Some(Saving { ratio: ratio.max(1.0), at });
+        let ratio = ratio.max(1.0);
+        let sure = self.savings[step].is_some_and(|s| (ratio / s.ratio - 1.0).abs() <= self.tuning.memory);
+        self.savings[step] = Some(Saving { ratio, at, sure });
     }
 
     /// What the step below is expected to take, over what is taken now.
     fn ratio_below(&self, cost: f64) -> f64 {
         match self.savings[self.level] {
-            Some(s) if (cost / s.at - 1.0).abs() <= self.tuning.memory => s.ratio,
-            // Something else is shown: what was saved then says little, and less than the guess at most.
+            Some(s) if s.sure && (cost / s.at - 1.0).abs() <= self.tuning.memory => s.ratio,
+            // Seen once, or of another load: a high ratio may mean no more than that something else came into view.
             Some(s) => s.ratio.min(self.tuning.guess),
             None => self.tuning.guess,
         }

@@ -101,7 +101,7 @@ pub fn context() -> Context {
         for font in style.text_styles.values_mut() {
             font.size *= 1.25;
         }
-        style.spacing.item_spacing = vec2(8.0, 8.0);
+        style.spacing.item_spacing = vec2(8.0, 4.0);
         style.spacing.button_padding = vec2(10.0, 6.0);
     });
     context
@@ -116,6 +116,12 @@ pub fn show(ui: &mut Ui, facts: &MenuFacts<'_>, comfort: &Comfort) -> Vec<MenuCo
             let exit = Button::new(RichText::new("Exit").strong());
             if ui.add(exit).clicked() {
                 commands.push(MenuCommand::Exit);
+            }
+            if ui.button("Reset the world").clicked() {
+                commands.push(MenuCommand::Reset);
+            }
+            if ui.button("Recentre").clicked() {
+                commands.push(MenuCommand::Recentre);
             }
         });
     });
@@ -200,15 +206,6 @@ pub fn show(ui: &mut Ui, facts: &MenuFacts<'_>, comfort: &Comfort) -> Vec<MenuCo
             }
         });
     }
-    ui.separator();
-    ui.horizontal(|ui| {
-        if ui.button("Recentre").clicked() {
-            commands.push(MenuCommand::Recentre);
-        }
-        if ui.button("Reset the world").clicked() {
-            commands.push(MenuCommand::Reset);
-        }
-    });
     commands
 }
 
@@ -227,6 +224,7 @@ mod tests {
             scene: "plant",
             settings: Some(&settings),
             governor: Some(&governor),
+            problem: "something could not be done",
             ..MenuFacts::default()
         };
         let mut commands = Vec::new();
@@ -235,9 +233,9 @@ mod tests {
             commands = show(ui, &facts, &Comfort::default());
             bottom = ui.min_rect().bottom();
         });
+        output.textures_delta.clear();
         let height = MENU_SIZE[1] as f32 / PIXELS_PER_POINT;
         assert!(bottom <= height, "the panel is {height} points high, and its content {bottom}");
-        output.textures_delta.clear();
         commands
     }
 
