@@ -113,7 +113,13 @@ LensBox lens_box(vec3 m, float radius, vec4 tangents) {
     return LensBox(p * 0.5 * (near + far), p * 0.5 * (far - near), vec2(-p.y, p.x) * far * sin(side));
 }
 
-bool lens_sees(LensBox box, vec4 tangents) {
+// Whether the image shows any of these directions.
+bool lens_sees(vec3 m, float radius, vec4 tangents) {
+    if (LENS == LENS_FISHEYE) {
+        vec2 corner = max(abs(tangents.xz), abs(tangents.yw));
+        if (length(lens_place(m)) - atan(radius) > length(corner) + 1e-3) return false;
+    }
+    LensBox box = lens_box(m, radius, tangents);
     vec2 extent = abs(box.x) + abs(box.y);
     return all(greaterThan(box.center + extent, tangents.xz)) && all(lessThan(box.center - extent, tangents.yw));
 }

@@ -282,7 +282,7 @@ Ellipse project_splat(Splat s, ViewData view) {
     if (perspective) {
         e.visible = in_frustum(e.m, e.major.x * u + e.major.y * v, minor.x * u + minor.y * v, reach, view.tangents);
     } else {
-        e.visible = !reach.bounded || lens_sees(lens_box(e.m, plane_radius(reach, e.major, minor), view.tangents), view.tangents);
+        e.visible = !reach.bounded || lens_sees(e.m, plane_radius(reach, e.major, minor), view.tangents);
     }
     float image_area = view.image.z * view.image.w;
     e.area = frame.shown.w * (reach.bounded ? min(shape_area() * k * k * sigma1 * sigma2 * to_pixels * to_pixels, image_area) : image_area);
