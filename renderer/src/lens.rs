@@ -114,7 +114,9 @@ impl Lens {
     /// of the way round: there a splat may lie on both edges, and in halves it lies on one edge of each.
     pub(crate) fn parts(self, view: &View) -> Vec<View> {
         let [width, height] = view.size;
-        if self != Self::Equirectangular || view.fov.right - view.fov.left <= PI + SPARE || width < 2 {
+        // Half of an odd number of columns is one more than half.
+        let all_but_one = (view.fov.right - view.fov.left) * (1.0 - 1.0 / f64::from(width.max(1)));
+        if self != Self::Equirectangular || all_but_one <= PI + SPARE || width < 2 {
             return vec![*view];
         }
         let left = width.div_ceil(2);

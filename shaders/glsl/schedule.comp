@@ -43,7 +43,10 @@ void main() {
         }
     }
     barrier();
-    running[local] = all[local] > 0u ? vec2(float(seen[local]) / float(all[local]), 1.0) : vec2(0.0);
+    // Bins are of equal area. Where a block of splats takes more than one, the further ones are empty, and its own.
+    uint filled = local;
+    while (filled > 0u && all[filled] == 0u) filled--;
+    running[local] = all[filled] > 0u ? vec2(float(seen[filled]) / float(all[filled]), 1.0) : vec2(0.0);
     // A batch ends with the bin that brings the area to its share.
     for (uint i = 0u; i + 1u < batches; i++) {
         if (local == BINS * (i + 1u) / batches - 1u) ends[i] = plan.bin_ends[local];

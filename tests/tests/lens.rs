@@ -176,7 +176,7 @@ fn the_seam_is_like_any_other_column() {
 #[test]
 fn pixels_stop_early_through_a_lens_too() {
     let gpu = TestGpu::new();
-    let mut splats = Recipe { count: 12_000, log_scales: [-4.6, -3.2], ..Default::default() }.still();
+    let mut splats = Recipe { count: 24_000, log_scales: [-4.6, -3.2], ..Default::default() }.still();
     splats.opacities.fill(0.9);
     let on_device = SceneOnDevice::new(&gpu, &splats, PLAIN).unwrap();
     let mut offscreen = Offscreen::new(&gpu).unwrap();
@@ -198,7 +198,7 @@ fn pixels_stop_early_through_a_lens_too() {
         println!(
             "{lens}: {shaded:.1} layers of {of_whole:.1} ({blended:.1} of {blended_of_whole:.1} blended), {db:.1} dB"
         );
-        assert!(shaded * 3.0 < of_whole * 2.0, "{lens}: nothing was saved");
+        assert!(shaded * 4.0 < of_whole * 3.0, "{lens}: nothing was saved");
         // Polygons do not cover much more than their splats.
         assert!(of_whole < 1.7 * blended_of_whole, "{lens}");
         // The prediction that governs overdraw knows the lens.
