@@ -18,7 +18,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Info(info::InfoArgs),
-    Render(render::RenderArgs),
+    Render(Box<render::RenderArgs>),
     Animate(animate::AnimateArgs),
     Compare(compare::CompareArgs),
     Bench(bench::BenchArgs),

@@ -165,6 +165,7 @@ Corner splat_corner(uint corner, vec3 m, vec2 major, float ratio, float opacity,
     return c;
 }
 
+#ifdef THROUGH_LENS
 // The same through a lens: the corner's place in clip space. The fragments find their points of the plane themselves, so
 // the polygon has to cover the splat's image, and nothing else.
 //
@@ -230,4 +231,5 @@ vec4 lens_corner(uint corner, vec3 m, vec3 u, vec3 v, vec2 major, float ratio, f
     return vec4(2.0 * (place - shown.xz) / (shown.yw - shown.xz) - 1.0, 0.5, 1.0);
 }
 
+#endif
 #endif
