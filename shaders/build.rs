@@ -54,6 +54,8 @@ const SHADERS: &[(&str, &str, &[&str])] = &[
     ("UPSCALE_INTERLEAVED_FRAG", "upscale.frag", &["INTERLEAVED"]),
     ("UPSCALE_INTERLEAVED_FRAG_MULTIVIEW", "upscale.frag", &["INTERLEAVED", "MULTIVIEW"]),
     ("UPSCALE_TEMPORAL_FRAG", "upscale.frag", &["INTERLEAVED", "TEMPORAL"]),
+    ("UPSCALE_MEAN_FRAG", "upscale.frag", &["MEAN", "TEMPORAL"]),
+    ("UPSCALE_MEAN_FRAG_MULTIVIEW", "upscale.frag", &["MEAN", "TEMPORAL", "MULTIVIEW"]),
     ("UPSCALE_TEMPORAL_FRAG_MULTIVIEW", "upscale.frag", &["INTERLEAVED", "TEMPORAL", "MULTIVIEW"]),
 ];
 

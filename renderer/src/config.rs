@@ -277,7 +277,8 @@ pub struct RenderConfig {
     pub sort_per_eye: bool,
     /// A new order every n-th frame (1: always the newest).
     pub sort_interval: u32,
-    /// Stochastic: frames that a picture is averaged from, `1 ..= 4096`. What is drawn into a window is one of them.
+    /// Stochastic: frames that a picture is averaged from, `1 ..= 4096`. A
+    /// window's is the mean of its last ones, so far as eye and scene keep still.
     pub samples: u32,
     /// Which splats of a moving scene a frame looks at.
     pub time_cull: TimeCull,

@@ -209,6 +209,20 @@ impl Offscreen {
         Ok((pictures, report))
     }
 
+    /// One frame, as a window would show it, in the order of the last [`Offscreen::sort`]: of stochastic transparency one
+    /// sample, or the mean so far ([`Renderer::average_samples`]).
+    ///
+    /// # Errors
+    /// The driver's, or a choice that the device does not allow.
+    pub fn frame(
+        &mut self,
+        scene: &SceneOnDevice,
+        views: &[View],
+        config: &RenderConfig,
+    ) -> Result<(Vec<Picture>, FrameReport), GpuError> {
+        self.one_picture(scene, views, config)
+    }
+
     fn one_picture(
         &mut self,
         scene: &SceneOnDevice,

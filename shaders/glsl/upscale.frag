@@ -1,5 +1,6 @@
 #version 460
 // From rendered pixels to shown ones: bilinear, or from samples whose places are known; then the background, as resolve.frag.
+// With MEAN: random samples of the same size, averaged over frames.
 #include "interleaved.glsl"
 #include "output.glsl"
 layout(set = 3, binding = 1) uniform sampler2DArray rendered;
@@ -73,8 +74,36 @@ vec4 from_neighbours(ivec2 p, out vec4 low, out vec4 high) {
 }
 #endif
 
+#ifdef TEMPORAL
+// What the frame before showed in this direction; false where it did not look there.
+bool shown_before(ivec2 p, out vec2 uv) {
+    vec3 uv1 = vec3((vec2(p) + 0.5) / vec2(shown_size()), 1.0);
+    uint at = 3u * VIEW;
+    vec3 before = vec3(dot(frame.reprojection[at].xyz, uv1), dot(frame.reprojection[at + 1u].xyz, uv1),
+                       dot(frame.reprojection[at + 2u].xyz, uv1));
+    uv = before.xy / before.z;
+    return before.z > 0.0 && all(greaterThan(uv, vec2(0.0))) && all(lessThan(uv, vec2(1.0)));
+}
+#endif
+
 vec4 reconstruct(ivec2 p) {
     p = clamp(p, ivec2(0), shown_size() - 1);
+#ifdef MEAN
+    vec4 c = texelFetch(rendered, ivec3(p, LAYER), 0);
+    float share = uintBitsToFloat(frame.sampling.w);
+    vec2 uv;
+    if (frame.sampling.z == HISTORY_STILL) return mix(c, texelFetch(history, ivec3(p, VIEW), 0), share);
+    if (frame.sampling.z != HISTORY_MOVING || !shown_before(p, uv)) return c;
+    // Never beyond what this frame's samples show nearby: what has moved away leaves no ghost.
+    vec4 low = c, high = c;
+    for (int y = -2; y <= 2; y++)
+        for (int x = -2; x <= 2; x++) {
+            vec4 near = texelFetch(rendered, ivec3(clamp(p + ivec2(x, y), ivec2(0), shown_size() - 1), LAYER), 0);
+            low = min(low, near);
+            high = max(high, near);
+        }
+    return mix(c, clamp(texture(history, vec3(uv, VIEW)), low, high), share);
+#endif
 #ifdef INTERLEAVED
     int cell = int(cell_of(uint(p.x)));
     if (int(sample_column(uint(cell), uint(p.y))) == p.x) return sample_at(cell, p.y);
@@ -83,12 +112,8 @@ vec4 reconstruct(ivec2 p) {
 #ifdef TEMPORAL
     if (frame.sampling.z == HISTORY_STILL) return texelFetch(history, ivec3(p, VIEW), 0);
     if (frame.sampling.z == HISTORY_MOVING) {
-        vec3 uv1 = vec3((vec2(p) + 0.5) / vec2(shown_size()), 1.0);
-        uint at = 3u * VIEW;
-        vec3 before = vec3(dot(frame.reprojection[at].xyz, uv1), dot(frame.reprojection[at + 1u].xyz, uv1),
-                           dot(frame.reprojection[at + 2u].xyz, uv1));
-        vec2 uv = before.xy / before.z;
-        if (before.z > 0.0 && all(greaterThan(uv, vec2(0.0))) && all(lessThan(uv, vec2(1.0)))) {
+        vec2 uv;
+        if (shown_before(p, uv)) {
             // Never beyond what this frame shows next to it: what has moved away leaves no ghost.
             vec4 h = clamp(texture(history, vec3(uv, VIEW)), low, high);
             c = mix(c, h, uintBitsToFloat(frame.sampling.w));

@@ -338,3 +338,61 @@ fn stochastic_transparency_converges_to_the_sorted_picture() {
     }
     assert!(offscreen.layers(&scene, &eyes[..1], &stochastic).is_err());
 }
+
+/// Frame by frame, as in a window: the mean of what was shown so far, turned with the head, and forgotten after a cut.
+#[test]
+fn stochastic_frames_are_averaged_and_follow_the_head() {
+    let gpu = TestGpu::new();
+    let mut offscreen = Offscreen::new(&gpu).unwrap();
+    let scene = SceneOnDevice::new(&gpu, &still(), PLAIN).unwrap();
+    let eyes = eyes();
+    let stochastic = RenderConfig { sorter: Sorter::Stochastic, samples: 16, ..every_layer() };
+    let db = |shown: &[Picture], truth: &[Picture]| {
+        let colours = |p: &Picture| p.pixels.iter().map(|p| [p[0], p[1], p[2]]).collect::<Vec<_>>();
+        let of_eye = |e: usize| motes_tests::psnr(&colours(&shown[e]), &colours(&truth[e]));
+        of_eye(0).min(of_eye(1))
+    };
+    let turned =
+        |angle: f64| eyes.map(|v| View { rotation: glam::DMat3::from_rotation_y(angle) * v.rotation, ..v });
+    let truth = |offscreen: &mut Offscreen, views: &[View]| render(offscreen, &scene, views, &every_layer());
+    let sorted = truth(&mut offscreen, &eyes);
+    let at_once = db(&render(&mut offscreen, &scene, &eyes, &stochastic), &sorted);
+
+    let run = |offscreen: &mut Offscreen, average: bool| {
+        offscreen.renderer().forget_history();
+        offscreen.renderer().average_samples(average);
+        offscreen.renderer().set_sample(100);
+        let mut shown: Vec<f64> = Vec::new();
+        for _ in 0..16 {
+            shown.push(db(&offscreen.frame(&scene, &eyes, &stochastic).unwrap().0, &sorted));
+        }
+        shown
+    };
+    let single = run(&mut offscreen, false);
+    let gathered = run(&mut offscreen, true);
+    println!(
+        "still: {:.1} dB first, {:.1} dB of 16 frames, {at_once:.1} dB at once",
+        gathered[0], gathered[15]
+    );
+    assert!((gathered[0] - single[0]).abs() < 0.01, "the first frame has nothing to average");
+    assert!(gathered[15] > at_once - 1.0 && gathered[15] > gathered[0] + 9.0, "{gathered:.1?}");
+    // Control: frames that are not averaged stay as noisy as they are.
+    assert!((single[15] - single[0]).abs() < 1.5, "{single:.1?}");
+
+    // A head that turns.
+    let mut last = 0.0;
+    for i in 1..=24 {
+        last = 0.01 * f64::from(i);
+        offscreen.frame(&scene, &turned(last), &stochastic).unwrap();
+    }
+    let end = turned(last + 0.01);
+    let moving = offscreen.frame(&scene, &end, &stochastic).unwrap().0;
+    let moving = db(&moving, &truth(&mut offscreen, &end));
+    // A cut to the other side: nothing of before is there.
+    let back = eyes.map(|v| View::look_at(-v.eye, DVec3::ZERO, DVec3::NEG_Y, v.fov, v.size));
+    let cut = offscreen.frame(&scene, &back, &stochastic).unwrap().0;
+    let cut = db(&cut, &truth(&mut offscreen, &back));
+    println!("turning: {moving:.1} dB; after a cut {cut:.1} dB; single frames {:.1} dB", single[0]);
+    assert!(moving > single[0] + 4.0, "{moving:.1} dB while the head turns");
+    assert!(cut > single[0] - 1.5, "{cut:.1} dB after a cut: a ghost");
+}

@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a test may")]
 
 use ash::vk;
+use motes_app::governor::{Budget, Governor};
 use motes_app::headset::{Comfort, Eye, EyeFov, Input, Pose};
 use motes_app::opened::Opened;
 use motes_app::time::TimeControl;
@@ -83,4 +84,36 @@ fn every_frame_shows_its_time_in_both_eyes() {
         frame += 1;
     }
     assert_eq!(frame, 24);
+}
+
+/// The governor in the headset's frames: both eyes, the head in motion.
+#[test]
+fn the_headset_holds_its_budget() {
+    let gpu = TestGpu::new();
+    let splats = Recipe { count: 2500, log_scales: [-3.0, -1.6], ..Recipe::default() }.still();
+    let file = std::env::temp_dir().join(format!("motes-budget-{}.ply", std::process::id()));
+    save(&file, &splats).unwrap();
+    let opened = Opened::load(std::slice::from_ref(&file), &LoadOptions::default()).unwrap();
+    std::fs::remove_file(&file).unwrap();
+    let mut run = |budget: Option<Budget>| {
+        let mut headset = ScriptedHeadset::new(&gpu, script(150)).unwrap();
+        let mut viewer = Viewer::new(&headset, RenderConfig::default(), Comfort::default()).unwrap();
+        viewer.show(Content::new(&gpu, &opened, PACKING).unwrap()).unwrap();
+        viewer.governor = budget.map(Governor::new);
+        let mut layers = 0.0;
+        while viewer.step(&mut headset).unwrap().is_none() {
+            let report = viewer.report();
+            if report.shown_pixels > 0 {
+                layers = f64::from(report.predicted_unhidden) / report.shown_pixels as f64;
+            }
+        }
+        let level = viewer.governor.as_ref().map_or(0, Governor::level);
+        (layers, level)
+    };
+    let (free, _) = run(None);
+    let budget = 0.6 * free;
+    let (held, level) = run(Some(Budget::Layers(budget)));
+    println!("{free:.1} layers, {held:.1} with a budget of {budget:.1} (step {level})");
+    assert!(free > budget, "the control is within the budget anyway");
+    assert!(held <= budget && level > 0);
 }

@@ -126,8 +126,10 @@ impl Viewer {
     /// # Errors
     /// The driver's.
     pub fn new(headset: &dyn Headset, config: RenderConfig, comfort: Comfort) -> Result<Self, XrError> {
+        let mut renderer = Renderer::new(headset.gpu())?;
+        renderer.average_samples(true);
         Ok(Self {
-            renderer: Renderer::new(headset.gpu())?,
+            renderer,
             shown: None,
             locomotion: None,
             panel: Panel::default(),

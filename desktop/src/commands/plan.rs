@@ -65,7 +65,7 @@ pub struct PlanReport {
     pub bytes_of_every_buffer: u64,
     /// The options that draw by the plan.
     pub options: Vec<String>,
-    /// Pictures by plan and with everything switched on are at least this alike, dB.
+    /// Pictures by plan, where nothing is asked for, and with everything switched on are at least this alike, dB.
     pub bound_db: f64,
 }
 
@@ -138,11 +138,9 @@ impl fmt::Display for PlanReport {
             mega(self.bytes_switched_on),
             mega(self.bytes_of_every_buffer),
         )?;
-        writeln!(
-            f,
-            "  pictures of both are at least {} dB alike; drawn so by: {}",
-            self.bound_db,
-            self.options.join(" ")
-        )
+        if self.effects.iter().all(|e| !e.decision.overridden) {
+            writeln!(f, "  pictures of both are at least {} dB alike", self.bound_db)?;
+        }
+        writeln!(f, "  drawn so by: {}", self.options.join(" "))
     }
 }

@@ -53,6 +53,7 @@ impl Screen {
         let painter =
             Painter::new(gpu, swapchain.format(), before, vk::ImageLayout::PRESENT_SRC_KHR, FRAMES)?;
         let mut renderer = Renderer::new(gpu)?;
+        renderer.average_samples(true);
         match pipeline_cache::default_folder() {
             Some(folder) => drop(renderer.keep_pipelines(&folder)?),
             None => log::warn!("the system names no cache folder: pipelines are made anew at every start"),

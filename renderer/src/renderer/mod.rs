@@ -333,6 +333,12 @@ impl Renderer {
         self.upscaler.forget_history();
     }
 
+    /// Whether the frames from now on show the mean of the last [`RenderConfig::samples`] of stochastic transparency, turned
+    /// to the newest view, instead of single noisy ones: for what is shown frame by frame.
+    pub fn average_samples(&mut self, average: bool) {
+        self.upscaler.average_samples = average;
+    }
+
     /// Which sample of stochastic transparency the next frame shows; each frame after it shows the next one.
     pub fn set_sample(&mut self, sample: u32) {
         self.sample = sample & (u32::MAX >> 1);

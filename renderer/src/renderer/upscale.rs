@@ -1,7 +1,8 @@
-//! From a frame of reduced resolution to the shown image: a pass of its own, which samples the rendered image.
+//! From a frame of reduced resolution to the shown image: a pass of its own, which samples the rendered image. The same
+//! pass averages the samples of stochastic transparency over frames.
 
 use super::{DrawRequest, Renderer, call};
-use crate::config::{RenderConfig, Upscale};
+use crate::config::{RenderConfig, Sorter, Upscale};
 use crate::gpu::{Gpu, GpuError, Image, ImageDescription};
 use crate::order::Positions;
 use crate::passes::{Module, PUSH_BYTES};
@@ -22,7 +23,9 @@ struct Key {
     output_layout: vk::ImageLayout,
     view_mask: u32,
     sampling: Sampling,
-    /// Format of the history, in the temporal form.
+    /// Whether random samples are averaged.
+    mean: bool,
+    /// Format of the history, where frames are kept.
     kept: Option<vk::Format>,
 }
 
@@ -101,6 +104,8 @@ struct History {
     newest: usize,
     /// What it showed; `None` before the first frame.
     shown: Option<Shown>,
+    /// Random samples: how many frames it is worth.
+    gathered: f32,
 }
 
 /// The pass, its pipelines, and the history of the temporal form.
@@ -111,6 +116,8 @@ pub(super) struct Upscaler {
     framebuffers: HashMap<(vk::RenderPass, vk::ImageView, vk::ImageView), vk::Framebuffer>,
     history: Option<History>,
     step: u32,
+    /// Whether the random samples of stochastic transparency are averaged over frames.
+    pub average_samples: bool,
 }
 
 /// How this frame is reduced, and how it stands to the one before.
@@ -118,7 +125,7 @@ pub(super) struct Upscaler {
 pub(super) struct Reduction {
     pub resolution: Resolution,
     pub past: Past,
-    /// Weight of the history where eye or scene moved, `0 ..= 1`.
+    /// Weight of the history where eye or scene moved, `0 ..= 1`; where random samples are averaged also where neither did.
     pub history_share: f32,
     /// One a view.
     pub reprojection: [DMat3; 2],
@@ -143,7 +150,18 @@ impl Upscaler {
             framebuffers: HashMap::new(),
             history: None,
             step: 0,
+            average_samples: false,
         })
+    }
+
+    /// Whether random samples are averaged over frames.
+    fn means(&self, config: &RenderConfig) -> bool {
+        self.average_samples && config.sorter == Sorter::Stochastic && config.samples > 1
+    }
+
+    /// Whether frames are kept for the next one.
+    fn keeps(&self, config: &RenderConfig, resolution: &Resolution) -> bool {
+        temporal(config, resolution) || self.means(config)
     }
 
     /// How a request's frame is reduced.
@@ -154,15 +172,27 @@ impl Upscaler {
             past: Past::None,
             history_share: 0.0,
             reprojection: [DMat3::IDENTITY; 2],
-            further_pass: resolution.reduced() || request.config.sharpen > 0.0,
+            further_pass: resolution.reduced() || request.config.sharpen > 0.0 || self.means(request.config),
         };
-        if temporal(request.config, &resolution)
-            && let Some(History { images, shown: Some(shown), .. }) = &self.history
+        if self.keeps(request.config, &resolution)
+            && let Some(History { images, shown: Some(shown), gathered, .. }) = &self.history
             && images[0].description().size == request.target.size
         {
             let next = Shown::of(request);
             reduction.past = shown.past_of(&next);
             reduction.history_share = shown.share_of(&next);
+            if self.means(request.config) {
+                // A mean of all frames so far, up to as many as were asked for; in motion what little motion leaves of it,
+                // since noise is worse than a little blur.
+                let most = gathered.min(request.config.samples as f32 - 1.0);
+                let moving = (1.7 * reduction.history_share).min(0.85);
+                let share = most / (most + 1.0);
+                reduction.history_share = match reduction.past {
+                    Past::None => 0.0,
+                    Past::Still => share,
+                    Past::Moving => share.min(moving),
+                };
+            }
             for (out, (now, before)) in
                 reduction.reprojection.iter_mut().zip(request.views.iter().zip(&shown.views))
             {
@@ -179,9 +209,11 @@ impl Upscaler {
         reduction: &Reduction,
         format: vk::Format,
     ) -> Result<(), GpuError> {
-        if !temporal(request.config, &reduction.resolution) {
+        if !self.keeps(request.config, &reduction.resolution) {
             return Ok(());
         }
+        // A mean needs finer steps than what is averaged.
+        let format = if self.means(request.config) { vk::Format::R16G16B16A16_SFLOAT } else { format };
         let description = ImageDescription {
             format,
             size: request.target.size,
@@ -197,16 +229,17 @@ impl Upscaler {
                 Image::new(&self.gpu, "history 0", description)?,
                 Image::new(&self.gpu, "history 1", description)?,
             ];
-            self.history = Some(History { images, newest: 0, shown: None });
+            self.history = Some(History { images, newest: 0, shown: None, gathered: 0.0 });
         }
         Ok(())
     }
 
     /// After a frame's last pass: the next one follows it.
     pub fn end(&mut self, request: &DrawRequest<'_>, reduction: &Reduction) {
-        if temporal(request.config, &reduction.resolution)
+        if self.keeps(request.config, &reduction.resolution)
             && let Some(history) = &mut self.history
         {
+            history.gathered = 1.0 / (1.0 - reduction.history_share);
             history.newest = 1 - history.newest;
             history.shown = Some(Shown::of(request));
             self.step = self.step.wrapping_add(1);
@@ -291,6 +324,8 @@ impl Upscaler {
         // SAFETY: `info` is complete and lives until the call returns.
         let pass = call(unsafe { self.gpu.device().create_render_pass(&info, None) }, "vkCreateRenderPass")?;
         let code = match (key.sampling, key.kept.is_some(), key.view_mask != 0) {
+            (_, _, false) if key.mean => modules::UPSCALE_MEAN_FRAG,
+            (_, _, true) if key.mean => modules::UPSCALE_MEAN_FRAG_MULTIVIEW,
             (Sampling::Centers, _, false) => modules::UPSCALE_BILINEAR_FRAG,
             (Sampling::Centers, _, true) => modules::UPSCALE_BILINEAR_FRAG_MULTIVIEW,
             (Sampling::Interleaved, false, false) => modules::UPSCALE_INTERLEAVED_FRAG,
@@ -397,7 +432,7 @@ impl Renderer {
         frame_set: vk::DescriptorSet,
     ) -> Result<(), GpuError> {
         let DrawRequest { target, config, .. } = *request;
-        let keeps = temporal(config, &reduction.resolution);
+        let keeps = self.upscaler.keeps(config, &reduction.resolution);
         let rendered = self.attachments.as_ref().map_or(vk::ImageView::null(), |a| a.blended.array_view());
         let (read, written, kept) = match (&self.upscaler.history, keeps) {
             (Some(h), true) => {
@@ -414,6 +449,7 @@ impl Renderer {
             output_layout: target.layout,
             view_mask,
             sampling: reduction.resolution.sampling,
+            mean: self.upscaler.means(config),
             kept,
         };
         let layout = self.passes.layout;
