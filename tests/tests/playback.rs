@@ -95,7 +95,7 @@ fn the_headset_holds_its_budget() {
     save(&file, &splats).unwrap();
     let opened = Opened::load(std::slice::from_ref(&file), &LoadOptions::default()).unwrap();
     std::fs::remove_file(&file).unwrap();
-    let mut run = |budget: Option<Budget>| {
+    let run = |budget: Option<Budget>| {
         let mut headset = ScriptedHeadset::new(&gpu, script(150)).unwrap();
         let mut viewer = Viewer::new(&headset, RenderConfig::default(), Comfort::default()).unwrap();
         viewer.show(Content::new(&gpu, &opened, PACKING).unwrap()).unwrap();
