@@ -1,16 +1,23 @@
 //! The activity's life cycle.
 
-use std::path::{Path, PathBuf};
+use std::ffi::CStr;
+use std::path::Path;
+use std::sync::Arc;
 use std::time::Duration;
 
 use android_activity::{AndroidApp, MainEvent, PollEvent};
 use motes_app::headset::HeadsetSettings;
 use motes_renderer::{Packing, RenderConfig};
-use motes_scenes::Format;
+use motes_scenes::sample;
 use motes_xr::bindings::Bindings;
-use motes_xr::{Platform, RuntimeOptions, SceneSource, SessionOptions, ShowError, ShowOptions, Visit, show};
+use motes_xr::{
+    Platform, RuntimeOptions, SceneSource, SessionOptions, ShowError, ShowOptions, Visit, scenes_in, show,
+};
 
 use crate::report;
+
+/// The sample among the APK's assets.
+const SAMPLE: &CStr = c"plant.spz";
 
 /// Called by android-activity on a thread of its own once the activity is created; called again when the
 /// activity is started again in the same process.
@@ -35,11 +42,22 @@ fn android_main(app: AndroidApp) {
 fn visit(app: &AndroidApp) -> Result<Visit, ShowError> {
     // SAFETY: both pointers are the activity's own, and live as long as `app`.
     let platform = unsafe { Platform::new(app.vm_as_ptr(), app.activity_as_ptr()) };
+    provide_sample(app);
     let folder = app.external_data_path();
+    let scenes = folder.as_deref().map(|folder| folder.join("scenes"));
+    if let Some(scenes) = &scenes {
+        // So that the place to push scenes to is there from the first start on.
+        if let Err(error) = std::fs::create_dir_all(scenes) {
+            log::warn!("{}: {error}", scenes.display());
+        }
+    }
     let settings = settings(folder.as_deref());
     let config = RenderConfig::default();
     let options = ShowOptions {
-        source: SceneSource::Files(scene(folder.as_deref()).into_iter().collect()),
+        // The first by name; none stands for the sample.
+        source: SceneSource::Files(
+            scenes.as_deref().map(scenes_in).unwrap_or_default().into_iter().take(1).collect(),
+        ),
         packing: Packing::of_config(&config),
         comfort: settings.comfort,
         budget: settings.budget,
@@ -54,6 +72,9 @@ fn visit(app: &AndroidApp) -> Result<Visit, ShowError> {
         record: None,
         frames: 0,
         patience: Duration::from_secs(60),
+        folder: scenes,
+        measurements: folder.as_deref().map(|folder| folder.join("measurements")),
+        report: folder.as_deref().map(|folder| folder.join("device.json")),
     };
     let mut destroyed = false;
     show(&platform, &options, &mut || {
@@ -62,23 +83,13 @@ fn visit(app: &AndroidApp) -> Result<Visit, ShowError> {
     })
 }
 
-/// The first scene of the folder that scenes are pushed to, by name; none where there is none: the sample.
-fn scene(folder: Option<&Path>) -> Option<PathBuf> {
-    let folder = folder?.join("scenes");
-    let entries = match std::fs::read_dir(&folder) {
-        Ok(entries) => entries,
-        Err(error) => {
-            log::info!("{}: {error}; the sample is shown", folder.display());
-            return None;
-        }
-    };
-    let mut scenes: Vec<PathBuf> = entries
-        .filter_map(|entry| Some(entry.ok()?.path()))
-        .filter(|path| Format::is_scene_name(path))
-        .collect();
-    scenes.sort();
-    log::info!("{} scenes in {}", scenes.len(), folder.display());
-    scenes.into_iter().next()
+/// The sample is an asset of the APK: one file that the system maps, not a part of the library.
+fn provide_sample(app: &AndroidApp) {
+    match app.asset_manager().open(SAMPLE).as_mut().map(|asset| asset.buffer().map(Arc::from)) {
+        Some(Ok(bytes)) => sample::provide(bytes),
+        Some(Err(error)) => log::error!("the sample cannot be read: {error}"),
+        None => log::error!("the APK holds no sample ({})", SAMPLE.to_string_lossy()),
+    }
 }
 
 /// The headset's settings beside the scenes; the defaults where they cannot be used, which the log says.

@@ -9,6 +9,8 @@
 #[cfg(target_os = "android")]
 mod activity;
 #[cfg(target_os = "android")]
+mod digest;
+#[cfg(target_os = "android")]
 mod report;
 
 // Linked for the symbols that it exports to the standard library.

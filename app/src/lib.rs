@@ -1,10 +1,12 @@
 //! What the viewer does, wherever it runs: opens scenes, moves the eye, keeps time.
 
+pub mod digest;
 pub mod eye;
 pub mod framing;
 pub mod governor;
 pub mod headset;
 pub mod loader;
+pub mod measurement;
 pub mod opened;
 pub mod painter;
 pub mod panel;

@@ -72,7 +72,7 @@ impl Loader {
                 })),
                 ..Default::default()
             };
-            Ok(Arc::new(Opened::load(&paths, &options)?))
+            Ok(Arc::new(Opened::load_to_play(&paths, &options)?))
         })
     }
 

@@ -6,7 +6,7 @@ use glam::{DMat3, DQuat, DVec3};
 use motes_renderer::{Fov, View};
 use motes_scenes::cameras::{self, Camera};
 use motes_scenes::settings::{SavedView, Settings};
-use motes_scenes::{LoadOptions, Scene, SceneError, load_many, sample};
+use motes_scenes::{LoadOptions, Scene, SceneError, load_many, looks_like_sequence, sample, sequence_frames};
 
 /// A scene, and what belongs to it.
 #[derive(Clone, Debug)]
@@ -23,10 +23,12 @@ pub struct Opened {
     pub settings_found: bool,
     /// The data set's cameras, empty where none were found.
     pub cameras: Vec<Camera>,
+    /// The frames of a sequence, of which the scene is the first; empty for anything else.
+    pub frames: Vec<PathBuf>,
 }
 
 impl Opened {
-    /// Opens scenes, merged in their order; the sample where none is named.
+    /// Opens scenes, merged in their order; the sample where none is named, and in motion by [`sample::MOVING`].
     ///
     /// Settings are those beside the first, cameras those beside the first that has any.
     ///
@@ -34,15 +36,21 @@ impl Opened {
     /// A scene or its settings cannot be read. A camera file beside it that cannot be read is a warning in the
     /// scene's report: nobody asked for it.
     pub fn load(paths: &[PathBuf], options: &LoadOptions) -> Result<Self, SceneError> {
-        let Some(first) = paths.first() else {
-            return Ok(Self {
-                name: sample::NAME.to_owned(),
-                path: None,
-                scene: sample::sample(options)?,
-                settings: sample::settings(),
-                settings_found: false,
-                cameras: Vec::new(),
-            });
+        let of_sample = |name: String, scene| Self {
+            name,
+            path: None,
+            scene,
+            settings: sample::settings(),
+            settings_found: false,
+            cameras: Vec::new(),
+            frames: Vec::new(),
+        };
+        let first = match paths {
+            [] => return Ok(of_sample(sample::NAME.to_owned(), sample::sample(options)?)),
+            [one] if *one == Path::new(sample::MOVING) => {
+                return Ok(of_sample(format!("{}, moving", sample::NAME), sample::moving(options)?));
+            }
+            [first, ..] => first,
         };
         let found = Settings::load(first)?;
         let mut scene = load_many(paths, options)?;
@@ -61,7 +69,29 @@ impl Opened {
             }
         }
         let name = name_of(first);
-        Ok(Self { name, path: Some(first.clone()), scene, settings, settings_found, cameras })
+        Ok(Self {
+            name,
+            path: Some(first.clone()),
+            scene,
+            settings,
+            settings_found,
+            cameras,
+            frames: Vec::new(),
+        })
+    }
+
+    /// As [`Opened::load`], but of a folder of numbered scenes it opens the first and lists them all: to be played.
+    ///
+    /// # Errors
+    /// As [`Opened::load`].
+    pub fn load_to_play(paths: &[PathBuf], options: &LoadOptions) -> Result<Self, SceneError> {
+        let [folder] = paths else { return Self::load(paths, options) };
+        if !(folder.is_dir() && looks_like_sequence(folder)) {
+            return Self::load(paths, options);
+        }
+        let frames = sequence_frames(folder)?;
+        let opened = Self::load(&frames[..frames.len().min(1)], options)?;
+        Ok(Self { name: name_of(folder), frames, ..opened })
     }
 }
 

@@ -7,7 +7,7 @@ use motes_scenes::settings::{Axis, Orientation};
 
 use crate::eye::EyeMode;
 use crate::governor::{Budget, Governor, LADDER};
-use crate::time::{Repeat, TimeControl};
+use crate::time::{Repeat, TimeCommand, TimeControl};
 use crate::viewer::{Command, Figures, Stage, Viewer};
 
 /// Draws the panel's content; returns what was asked for.
@@ -55,8 +55,8 @@ fn figures_table(ui: &mut Ui, viewer: &Viewer, figures: &Figures, device: &str) 
     let report = &figures.report;
     let seconds = figures.seconds();
     let rate = if seconds > 0.0 { 1.0 / seconds } else { 0.0 };
-    let splats = viewer.stage.as_ref().map_or(0, |s| s.scene.splats);
-    let bytes = viewer.stage.as_ref().map_or(0, |s| s.scene.bytes());
+    let splats = viewer.stage.as_ref().map_or(0, |s| s.shown().splats);
+    let bytes = viewer.stage.as_ref().map_or(0, |s| s.shown().bytes());
     egui::Grid::new("figures").num_columns(2).show(ui, |ui| {
         let mut row = |name: &str, value: String| {
             ui.label(name);
@@ -95,7 +95,7 @@ fn view(ui: &mut Ui, viewer: &mut Viewer, commands: &mut Vec<Command>) {
         }
     });
     let Some(stage) = &viewer.stage else { return };
-    if stage.scene.moving {
+    if stage.moves() {
         time(ui, &mut viewer.time, &mut viewer.config.time);
     }
     let opened = stage.opened.clone();
@@ -124,26 +124,34 @@ fn time(ui: &mut Ui, control: &mut TimeControl, shown: &mut f32) {
             control.pause();
             control.scrub((*shown).into());
         }
+        for (step, name) in [(-1, "−"), (1, "+")] {
+            if ui.button(name).on_hover_text("one frame").clicked() {
+                control.step(step);
+            }
+        }
     });
     ui.horizontal(|ui| {
         let mut speed = control.speed();
         if ui.add(DragValue::new(&mut speed).speed(0.02).prefix("speed ")).changed() {
             control.set_speed(speed);
         }
-        for (repeat, name) in
-            [(Repeat::Loop, "loop"), (Repeat::PingPong, "ping-pong"), (Repeat::Once, "once")]
-        {
+        if ui.button("backwards").clicked() {
+            control.obey(TimeCommand::Reverse);
+        }
+        for (repeat, name) in Repeat::ALL {
             if ui.selectable_label(control.repeat() == repeat, name).clicked() {
                 control.set_repeat(repeat);
             }
         }
-        for (step, name) in [(-1, "−"), (1, "+")] {
-            if ui.button(name).clicked() {
-                control.step(step);
-                *shown = control.time();
-            }
+    });
+    ui.horizontal(|ui| {
+        ui.monospace(format!("frame {} of {}", control.frame() + 1, control.frames()));
+        let mut whole = control.whole_frames();
+        if ui.checkbox(&mut whole, "whole frames only").changed() {
+            control.obey(TimeCommand::WholeFrames(whole));
         }
     });
+    *shown = control.time();
 }
 
 /// The budget, what frames take of it, and which step is in force.

@@ -5,8 +5,20 @@
 //! playback skip frames, evenly, and never makes it wait: [`ReadAhead::show`] returns at once with the best there is.
 
 use std::collections::{BTreeMap, VecDeque};
+use std::path::PathBuf;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
+
+use motes_renderer::gpu::Gpu;
+use motes_renderer::{Packing, SceneOnDevice};
+use motes_scenes::{LoadOptions, load_many};
+
+use crate::time::TimeControl;
+
+/// Frames a second of a sequence, whose files do not say.
+const FRAMES_PER_SECOND: f64 = 30.0;
+/// Memory for the frames of a sequence, bytes: on the device and on the processor together.
+pub const BUDGET: u64 = if cfg!(target_os = "android") { 512 << 20 } else { 1 << 30 };
 
 /// Frames that were shown last and are not let go of: the device may still draw them.
 const IN_USE: usize = 3;
@@ -254,6 +266,56 @@ impl<T: Send + Sync + 'static> Drop for ReadAhead<T> {
         {
             log::error!("the reading thread had panicked");
         }
+    }
+}
+
+/// A sequence that is shown: its frames are read and brought to the device ahead of playback.
+pub struct SequenceOnDevice {
+    reader: ReadAhead<SceneOnDevice>,
+    frames: usize,
+}
+
+impl SequenceOnDevice {
+    /// Begins to read frames; those that are held take at most `budget` bytes.
+    ///
+    /// # Errors
+    /// The system gives no thread.
+    pub fn new(gpu: &Arc<Gpu>, frames: &[PathBuf], packing: Packing, budget: u64) -> std::io::Result<Self> {
+        let (gpu, paths) = (gpu.clone(), frames.to_vec());
+        let read = move |frame: usize| {
+            let path = paths.get(frame).ok_or("there is no such frame")?;
+            let splats = load_many(&[path], &LoadOptions::default()).map_err(|e| e.to_string())?.splats;
+            let scene = SceneOnDevice::new(&gpu, &splats, packing).map_err(|e| e.to_string())?;
+            // Beside what is on the device, its means are kept for sorting.
+            let bytes = scene.bytes() + 12 * u64::from(scene.splats);
+            Ok((scene, bytes))
+        };
+        Ok(Self { reader: ReadAhead::new(frames.len(), budget, read)?, frames: frames.len() })
+    }
+
+    /// Its playback: frames as they are, 30 a second.
+    pub fn time_control(&self) -> TimeControl {
+        let count = self.frames.max(1) as u32;
+        TimeControl::new(f64::from(count) / FRAMES_PER_SECOND, count)
+    }
+
+    /// What to show now; nothing before the first frame is there. Never waits. The three frames that were shown last
+    /// stay: the device may still draw them.
+    pub fn show(&mut self, time: &TimeControl) -> Option<(usize, Arc<SceneOnDevice>)> {
+        self.reader.show(time.frame() as usize, time.backwards())
+    }
+
+    /// Waits for a frame.
+    ///
+    /// # Errors
+    /// Why it cannot be read.
+    pub fn wait_for(&mut self, frame: usize) -> Result<Arc<SceneOnDevice>, String> {
+        self.reader.wait_for(frame)
+    }
+
+    /// Most bytes that frames took at once.
+    pub fn peak(&self) -> u64 {
+        self.reader.peak()
     }
 }
 

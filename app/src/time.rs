@@ -18,8 +18,41 @@ pub enum Repeat {
     Once,
 }
 
+impl Repeat {
+    /// Every value and its name.
+    pub const ALL: [(Self, &'static str); 3] =
+        [(Self::Loop, "loop"), (Self::PingPong, "ping-pong"), (Self::Once, "once")];
+}
+
 /// Fastest speed either way.
 pub const MAX_SPEED: f64 = 16.0;
+/// Slowest speed that [`TimeCommand::Slower`] goes down to.
+const MIN_SPEED: f64 = 1.0 / 16.0;
+
+/// What a key, a button or a menu can ask of playback.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum TimeCommand {
+    /// Plays or pauses.
+    Toggle,
+    /// Pauses, and goes so many frames on.
+    Step(i32),
+    /// Goes to a time, and stays as it is: playing or paused.
+    Scrub(f64),
+    /// Goes on by a part of the scene (back, where negative), as playback does at the ends.
+    Jump(f64),
+    /// Twice as fast.
+    Faster,
+    /// Half as fast.
+    Slower,
+    /// The other way.
+    Reverse,
+    /// What happens at the ends.
+    Repeat(Repeat),
+    /// The next way to deal with the ends.
+    NextRepeat,
+    /// Whether only the scene's own frames are shown, not the moments between them.
+    WholeFrames(bool),
+}
 
 /// The state of playback.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,6 +65,15 @@ pub struct TimeControl {
     returning: bool,
     duration: f64,
     frames: u32,
+    whole_frames: bool,
+}
+
+impl Default for TimeControl {
+    /// For a scene whose file says neither how long it takes nor of how many frames it was made: the public ones are of
+    /// 50 frames.
+    fn default() -> Self {
+        Self::new(5.0, 50)
+    }
 }
 
 impl TimeControl {
@@ -47,12 +89,26 @@ impl TimeControl {
             returning: false,
             duration,
             frames: frames.max(1),
+            whole_frames: false,
         }
     }
 
-    /// Scene time, `0 ..= 1`.
+    /// Scene time that is shown, `0 ..= 1`.
     pub fn time(&self) -> f32 {
-        self.time as f32
+        self.shown(self.time)
+    }
+
+    /// What is shown at a time: the time itself, or the beginning of its frame.
+    fn shown(&self, time: f64) -> f32 {
+        if self.whole_frames { self.start_of(self.frame_of(time)) as f32 } else { time as f32 }
+    }
+
+    fn frame_of(&self, time: f64) -> u32 {
+        ((time * f64::from(self.frames) + 1e-9) as u32).min(self.frames - 1)
+    }
+
+    fn start_of(&self, frame: u32) -> f64 {
+        f64::from(frame) / f64::from(self.frames)
     }
 
     /// Seconds that a scene takes at speed 1.
@@ -62,7 +118,7 @@ impl TimeControl {
 
     /// Which of the scene's frames is shown, `0 .. frames`.
     pub fn frame(&self) -> u32 {
-        ((self.time * f64::from(self.frames) + 1e-9) as u32).min(self.frames - 1)
+        self.frame_of(self.time)
     }
 
     /// Number of frames.
@@ -80,9 +136,47 @@ impl TimeControl {
         self.speed
     }
 
+    /// Whether scene time runs backwards: at a negative speed, or on the way back of a ping-pong.
+    pub fn backwards(&self) -> bool {
+        (self.speed < 0.0) != self.returning
+    }
+
     /// What happens at the ends.
     pub fn repeat(&self) -> Repeat {
         self.repeat
+    }
+
+    /// Whether only the scene's own frames are shown.
+    pub fn whole_frames(&self) -> bool {
+        self.whole_frames
+    }
+
+    /// Does what was asked for.
+    pub fn obey(&mut self, command: TimeCommand) {
+        match command {
+            TimeCommand::Toggle => self.toggle(),
+            TimeCommand::Step(frames) => self.step(frames),
+            TimeCommand::Scrub(time) => self.scrub(time),
+            TimeCommand::Jump(part) if part.is_finite() => {
+                (self.time, self.returning) = moved(self.time, self.returning, part, self.repeat);
+            }
+            TimeCommand::Jump(_) => {}
+            TimeCommand::Faster => self.double_speed(2.0),
+            TimeCommand::Slower => self.double_speed(0.5),
+            TimeCommand::Reverse => self.speed = -self.speed,
+            TimeCommand::Repeat(repeat) => self.set_repeat(repeat),
+            TimeCommand::NextRepeat => self.set_repeat(match self.repeat {
+                Repeat::Loop => Repeat::PingPong,
+                Repeat::PingPong => Repeat::Once,
+                Repeat::Once => Repeat::Loop,
+            }),
+            TimeCommand::WholeFrames(whole) => self.whole_frames = whole,
+        }
+    }
+
+    fn double_speed(&mut self, factor: f64) {
+        let magnitude = (self.speed.abs() * factor).clamp(MIN_SPEED, MAX_SPEED);
+        self.speed = magnitude.copysign(self.speed);
     }
 
     /// Lets time pass. A scene that was played to its end begins again.
@@ -163,7 +257,7 @@ impl TimeControl {
             return self.time();
         }
         let delta = ahead.as_secs_f64() * self.speed / self.duration;
-        moved(self.time, self.returning, delta, self.repeat).0 as f32
+        self.shown(moved(self.time, self.returning, delta, self.repeat).0)
     }
 }
 
@@ -334,6 +428,68 @@ mod tests {
                 assert!(before != predicted || !t.playing());
             }
         }
+    }
+
+    #[test]
+    fn commands_do_what_they_say() {
+        let mut t = TimeControl::new(1.0, 10);
+        t.obey(TimeCommand::Toggle);
+        assert!(!t.playing());
+        t.obey(TimeCommand::Jump(-0.25));
+        assert_eq!(t.time(), 0.75, "over the seam of a loop");
+        t.obey(TimeCommand::Step(1));
+        assert_eq!((t.frame(), t.time()), (8, 0.8));
+        for (command, speed) in [
+            (TimeCommand::Faster, 2.0),
+            (TimeCommand::Reverse, -2.0),
+            (TimeCommand::Slower, -1.0),
+            (TimeCommand::Slower, -0.5),
+        ] {
+            t.obey(command);
+            assert_eq!(t.speed(), speed);
+        }
+        for _ in 0..9 {
+            t.obey(TimeCommand::Faster);
+        }
+        assert_eq!(t.speed(), -MAX_SPEED);
+        let mut seen = Vec::new();
+        for _ in 0..3 {
+            t.obey(TimeCommand::NextRepeat);
+            seen.push(t.repeat());
+        }
+        assert_eq!(seen, [Repeat::PingPong, Repeat::Once, Repeat::Loop]);
+        t.obey(TimeCommand::Scrub(0.33));
+        t.obey(TimeCommand::Jump(f64::NAN));
+        assert_eq!(t.time(), 0.33);
+    }
+
+    #[test]
+    fn whole_frames_are_shown_at_their_beginning_and_predicted_so() {
+        // 30 frames a second, seen 72 times a second: each is shown two or three times, and none is left out.
+        let mut t = TimeControl::new(1.0, 30);
+        t.obey(TimeCommand::WholeFrames(true));
+        let view = Duration::from_nanos(1_000_000_000 / 72);
+        let mut times = Vec::new();
+        for _ in 0..70 {
+            let predicted = t.predict(view);
+            times.push(t.advance(view));
+            assert_eq!(times.last(), Some(&predicted));
+        }
+        assert!(times.iter().all(|time| (time * 30.0 - (time * 30.0).round()).abs() < 1e-5));
+        let mut runs = vec![(times[0], 0)];
+        for time in times {
+            match runs.last_mut() {
+                Some((last, count)) if *last == time => *count += 1,
+                _ => runs.push((time, 1)),
+            }
+        }
+        let inner = &runs[1..runs.len() - 1];
+        assert_eq!(runs.len(), 30);
+        assert!(inner.iter().all(|(_, count)| (2..=3).contains(count)), "{runs:?}");
+        // Control: without, every view has a time of its own.
+        t.obey(TimeCommand::WholeFrames(false));
+        let a = t.advance(view);
+        assert_ne!(a, t.advance(view));
     }
 
     #[test]

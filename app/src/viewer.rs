@@ -16,10 +16,11 @@ use crate::framing::Framing;
 use crate::governor::Governor;
 use crate::loader::{LoadError, Loaded, Loader, Loading};
 use crate::opened::Opened;
-use crate::time::TimeControl;
+use crate::sequence::{BUDGET, SequenceOnDevice};
+use crate::time::{TimeCommand, TimeControl};
 
 /// What a user can ask for by one press.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Command {
     /// Fly or orbit.
     SwitchMode,
@@ -31,8 +32,8 @@ pub enum Command {
     Reset,
     /// Both eyes side by side, or one.
     SwitchStereo,
-    /// Stops or continues time.
-    SwitchPlay,
+    /// Something about the time of a moving scene.
+    Time(TimeCommand),
     /// Shows or hides the panel.
     SwitchPanel,
     /// Saves a picture.
@@ -47,13 +48,30 @@ pub struct Stage {
     pub opened: Arc<Opened>,
     /// How it stands in the world; may be changed and saved.
     pub settings: Settings,
-    /// The scene on the device.
+    /// The scene on the device; of a sequence the first frame.
     pub scene: SceneOnDevice,
+    /// The frames of a sequence, and the one that is shown.
+    pub sequence: Option<(SequenceOnDevice, Option<Arc<SceneOnDevice>>)>,
     /// Its dense part.
     pub framing: Framing,
     /// The data set's camera that was taken last.
     pub camera: Option<usize>,
     sorting: SortWorker,
+}
+
+impl Stage {
+    /// Whether time changes it.
+    pub fn moves(&self) -> bool {
+        self.scene.moving || self.sequence.is_some()
+    }
+
+    /// The scene on the device as it is shown now.
+    pub fn shown(&self) -> &SceneOnDevice {
+        match &self.sequence {
+            Some((_, Some(frame))) => frame,
+            _ => &self.scene,
+        }
+    }
 }
 
 /// The state of a viewer.
@@ -76,7 +94,11 @@ pub struct Viewer {
     pub message: Option<String>,
     /// The scene.
     pub stage: Option<Stage>,
+    /// Memory for the frames of a sequence, bytes.
+    pub read_ahead: u64,
     gpu: Arc<Gpu>,
+    /// Time that passed between the last two frames.
+    passed: Duration,
     loading: Option<Loader>,
     /// Loaders that were cancelled and have not ended yet.
     cancelled: Vec<Loader>,
@@ -84,10 +106,6 @@ pub struct Viewer {
 
 /// The angle of view until a data set's camera says another.
 const VERTICAL_FOV: f64 = 60.0 * std::f64::consts::PI / 180.0;
-
-/// Seconds and frames of a moving scene, whose file says neither: the public ones are of 50 frames.
-const DURATION: f64 = 5.0;
-const FRAMES: u32 = 50;
 
 impl Viewer {
     /// A viewer that shows nothing yet.
@@ -99,11 +117,13 @@ impl Viewer {
             eye: Eye::of(&framing, EyeMode::Orbit, VERTICAL_FOV),
             stereo: false,
             eye_distance: 0.063,
-            time: TimeControl::new(DURATION, FRAMES),
+            time: TimeControl::default(),
             panel: true,
             message: None,
             stage: None,
+            read_ahead: BUDGET,
             gpu: gpu.clone(),
+            passed: Duration::ZERO,
             loading: None,
             cancelled: Vec::new(),
         }
@@ -132,7 +152,7 @@ impl Viewer {
     pub fn is_busy(&self) -> bool {
         let Some(stage) = &self.stage else { return self.loading.is_some() };
         self.loading.is_some()
-            || stage.scene.moving && self.time.playing()
+            || stage.moves() && self.time.playing()
             || stage.sorting.is_sorting()
             || self.governor.as_ref().is_some_and(|g| !g.is_at_rest())
             || self.config.sorter == Sorter::Stochastic
@@ -158,13 +178,16 @@ impl Viewer {
         }
         self.repack();
         self.eye.move_by(motion);
-        let moving = self.stage.as_ref().is_some_and(|s| s.scene.moving);
-        if moving {
+        if self.stage.as_ref().is_some_and(Stage::moves) {
             if self.config.time != self.time.time() {
                 // It was set by another way: a preset, a camera, the panel.
                 self.time.scrub(self.config.time.into());
             }
-            self.config.time = self.time.advance(Duration::try_from_secs_f64(seconds).unwrap_or_default());
+            self.passed = Duration::try_from_secs_f64(seconds).unwrap_or_default();
+            self.config.time = self.time.advance(self.passed);
+        }
+        if let Some(Stage { sequence: Some((sequence, shown)), .. }) = &mut self.stage {
+            *shown = sequence.show(&self.time).map(|(_, frame)| frame).or(shown.take());
         }
         replaced
     }
@@ -174,15 +197,24 @@ impl Viewer {
         let same = self.stage.as_ref().is_some_and(|s| Arc::ptr_eq(&s.opened, &opened));
         let sorting =
             SortWorker::new(scene.positions.clone()).map_err(|e| LoadError::Thread(e.to_string()))?;
+        let sequence = if opened.frames.is_empty() {
+            None
+        } else {
+            let sequence = SequenceOnDevice::new(&self.gpu, &opened.frames, scene.packing, self.read_ahead)
+                .map_err(|e| LoadError::Thread(e.to_string()))?;
+            Some((sequence, None))
+        };
         if let (true, Some(stage)) = (same, &mut self.stage) {
             let settings = stage.settings.clone();
             let (framing, camera) = (stage.framing, stage.camera);
-            return Ok(self.stage.replace(Stage { opened, settings, scene, framing, camera, sorting }));
+            let stage = Stage { opened, settings, scene, sequence, framing, camera, sorting };
+            return Ok(self.stage.replace(stage));
         }
         let settings = opened.settings.clone();
         let framing = Framing::of(&opened.scene.splats, &settings);
         self.message = opened.scene.report.warnings.first().cloned();
-        let stage = Stage { opened, settings, scene, framing, camera: None, sorting };
+        self.time = sequence.as_ref().map_or_else(TimeControl::default, |(s, _)| s.time_control());
+        let stage = Stage { opened, settings, scene, sequence, framing, camera: None, sorting };
         let before = self.stage.replace(stage);
         self.eye = Eye::of(&framing, self.eye.mode, VERTICAL_FOV);
         self.reset();
@@ -255,7 +287,10 @@ impl Viewer {
             }
             Command::Reset => self.reset(),
             Command::SwitchStereo => self.stereo = !self.stereo,
-            Command::SwitchPlay => self.time.toggle(),
+            Command::Time(command) => {
+                self.time.obey(command);
+                self.config.time = self.time.time();
+            }
             Command::SwitchPanel => self.panel = !self.panel,
             Command::Screenshot | Command::Quit => {}
         }
@@ -289,7 +324,12 @@ impl Viewer {
     pub fn frame_config(&self) -> RenderConfig {
         let scale = self.stage.as_ref().map_or(1.0, |s| s.settings.scale);
         let config = self.governor.as_ref().map_or_else(|| self.config.clone(), |g| g.apply(&self.config));
-        in_scene_units(&config, scale)
+        let mut config = in_scene_units(&config, scale);
+        if config.sorter == Sorter::Cpu && self.stage.as_ref().is_some_and(|s| s.sequence.is_some()) {
+            // Each frame is a scene of its own: its order is made where it is drawn.
+            config.sorter = Sorter::Gpu;
+        }
+        config
     }
 
     /// Takes what a frame took that was drawn by [`Viewer::frame_config`].
@@ -306,13 +346,20 @@ impl Viewer {
         if config.sorter == Sorter::Cpu {
             let request = OrderRequest::new(views, config);
             stage.sorting.set_interval(config.sort_interval);
-            stage.sorting.request(request);
             if stage.sorting.newest().0.made_for.is_none() {
                 stage.sorting.wait_for(request);
             }
+            // It is there for the next frame: made for the time that it will be then.
+            let time = if stage.scene.moving { self.time.predict(self.passed) } else { request.time };
+            stage.sorting.request(OrderRequest { time, ..request });
         }
-        let (order, _) = stage.sorting.newest();
-        Some((&stage.scene, order))
+        let Stage { scene, sequence, sorting, .. } = stage;
+        let (order, _) = sorting.newest();
+        let scene = match sequence {
+            Some((_, Some(frame))) => &**frame,
+            _ => &*scene,
+        };
+        Some((scene, order))
     }
 }
 

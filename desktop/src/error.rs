@@ -21,6 +21,9 @@ pub enum CommandError {
     /// The reference renderer.
     #[error(transparent)]
     Reference(#[from] ReferenceError),
+    /// A digest.
+    #[error(transparent)]
+    Digest(#[from] motes_app::digest::DigestError),
     /// A picture.
     #[error(transparent)]
     Measure(#[from] MeasureError),

@@ -6,6 +6,7 @@ pub mod config_args;
 pub mod error;
 pub mod heat;
 pub mod measure;
+pub mod scene_args;
 pub mod shots;
 pub mod studio;
 pub mod video;

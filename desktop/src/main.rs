@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use motes_desktop::commands::{animate, bench, compare, golden, info, render, view, xr};
+use motes_desktop::commands::{animate, bench, compare, device, digest, golden, info, render, view, xr};
 
 /// Viewer for 3-D and 4-D Gaussian splatting scenes.
 #[derive(Parser)]
@@ -23,6 +23,8 @@ enum Command {
     Compare(compare::CompareArgs),
     Bench(bench::BenchArgs),
     Golden(golden::GoldenArgs),
+    Digest(digest::DigestArgs),
+    Device(device::DeviceReportArgs),
     Xr(xr::XrArgs),
 }
 
@@ -44,6 +46,8 @@ fn main() -> ExitCode {
         Some(Command::Animate(args)) => animate::run(&args).map_err(|e| e.to_string()),
         Some(Command::Compare(args)) => compare::run(&args).map_err(|e| e.to_string()),
         Some(Command::Bench(args)) => bench::run(&args).map_err(|e| e.to_string()),
+        Some(Command::Device(args)) => device::run(&args).map_err(|e| e.to_string()),
+        Some(Command::Digest(args)) => digest::run(&args).map_err(|e| e.to_string()),
         Some(Command::Golden(args)) => golden::run(&args).map_err(|e| e.to_string()),
         Some(Command::Xr(args)) => match xr::run(&args) {
             Ok(xr::Outcome::Shown) => Ok(()),

@@ -20,6 +20,10 @@ pub struct VideoArgs {
     /// A folder of numbered scenes is a sequence, whose frames the times choose
     #[arg(long, value_name = "FROM:TO:COUNT", allow_hyphen_values = true)]
     pub times: Option<Times>,
+    /// The whole scene once, in so many seconds of --fps pictures each; it ends where it begins anew
+    #[arg(long, value_name = "SECONDS", num_args = 0..=1, default_missing_value = "5", conflicts_with = "times")]
+    #[arg(value_parser = clap::value_parser!(u16).range(1..=3600))]
+    pub video: Option<u16>,
     /// Pictures a second of an animated picture
     #[arg(long, value_name = "N", default_value_t = 30, value_parser = clap::value_parser!(u16).range(1..=240))]
     pub fps: u16,
@@ -41,13 +45,22 @@ impl std::str::FromStr for Times {
 }
 
 impl VideoArgs {
+    /// The times that were asked for; none for a single moment.
+    pub fn times(&self) -> Option<Vec<f32>> {
+        let video = |seconds: u16| {
+            let count = u32::from(seconds) * u32::from(self.fps);
+            (0..count).map(|i| (f64::from(i) / f64::from(count)) as f32).collect()
+        };
+        self.times.as_ref().map(|t| t.0.clone()).or(self.video.map(video))
+    }
+
     /// The sequence that is to be shown, where times were given and a folder of frames.
     ///
     /// # Errors
     /// The folder cannot be listed.
     pub fn sequence(&self, scenes: &[PathBuf]) -> Result<Option<Vec<PathBuf>>, CommandError> {
         match scenes {
-            [folder] if self.times.is_some() && folder.is_dir() && looks_like_sequence(folder) => {
+            [folder] if self.times().is_some() && folder.is_dir() && looks_like_sequence(folder) => {
                 Ok(Some(sequence_frames(folder)?))
             }
             _ => Ok(None),
@@ -189,6 +202,15 @@ pub fn is_animated(output: &Path) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_video_is_the_whole_scene_once() {
+        let args = VideoArgs { video: Some(2), fps: 25, ..VideoArgs::default() };
+        let times = args.times().unwrap();
+        assert_eq!((times.len(), times[0], times[1], times[25]), (50, 0.0, 0.02, 0.5));
+        assert!(times.iter().all(|t| *t < 1.0), "1 is 0 of the next round");
+        assert_eq!(VideoArgs { video: None, ..args }.times(), None);
+    }
 
     #[test]
     fn an_animation_holds_all_its_pictures() {

@@ -15,7 +15,6 @@ mod load;
 mod merge;
 mod recentre;
 mod report;
-#[cfg(feature = "sample")]
 pub mod sample;
 mod sanitise;
 mod save;
@@ -31,7 +30,6 @@ pub use format::Format;
 pub use formats::streamed_sog::{StreamedLevel, streamed_levels};
 pub use load::{CancelToken, Limits, LoadOptions, Progress, Scene, load, load_bytes, load_many};
 pub use report::{DropReason, LoadReport, SourceInfo};
-#[cfg(feature = "sample")]
 pub use sample::sample;
 pub use sanitise::{
     MAX_LENGTH, MAX_LOG_SCALE, MAX_SH, MAX_TIME, MIN_LOG_SCALE, MIN_WIDTH, Sanitised, sanitise,

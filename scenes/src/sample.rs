@@ -3,7 +3,7 @@
 //! “Plant” by Marcel Padilla, CC BY 4.0; see `samples/ATTRIBUTION.md`, which [`ATTRIBUTION`] holds.
 
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use crate::settings::{Axis, Orientation, Settings};
 use crate::synthetic::{Animation, animate};
@@ -12,8 +12,35 @@ use crate::{LoadOptions, Scene, SceneError, load_bytes};
 /// What the sample is called in messages.
 pub const NAME: &str = "plant.spz";
 
+/// What stands for the sample in motion where a scene's path is asked for.
+pub const MOVING: &str = "sample:moving";
+
 /// The sample's file.
+#[cfg(feature = "sample")]
 pub const BYTES: &[u8] = include_bytes!("../samples/plant.spz");
+
+/// The file as [`provide`] was given it.
+static PROVIDED: OnceLock<Arc<[u8]>> = OnceLock::new();
+
+/// Hands the sample's file over, in a program that does not hold it: an APK has it as an asset.
+pub fn provide(bytes: Arc<[u8]>) {
+    // A second time it is the same.
+    let _ = PROVIDED.set(bytes);
+}
+
+fn bytes() -> Result<Arc<[u8]>, SceneError> {
+    if let Some(bytes) = PROVIDED.get() {
+        return Ok(bytes.clone());
+    }
+    #[cfg(feature = "sample")]
+    return Ok(Arc::from(BYTES));
+    #[cfg(not(feature = "sample"))]
+    Err(SceneError::unsupported(
+        Path::new(NAME),
+        "this program does not hold the sample",
+        "Name a scene, or build with the feature `sample`",
+    ))
+}
 
 /// Whose work it is, its licence, and what was changed: to be shown where the program says what it is made of.
 pub const ATTRIBUTION: &str = include_str!("../samples/ATTRIBUTION.md");
@@ -23,7 +50,7 @@ pub const ATTRIBUTION: &str = include_str!("../samples/ATTRIBUTION.md");
 /// # Errors
 /// As [`load_bytes`]: the options' limits and cancellation apply; the file itself is sound.
 pub fn sample(options: &LoadOptions) -> Result<Scene, SceneError> {
-    load_bytes(Path::new(NAME), Arc::from(BYTES), options)
+    load_bytes(Path::new(NAME), bytes()?, options)
 }
 
 /// The sample's settings: y is down in it, whatever its format is meant for, and the pot stands at the lowest point.

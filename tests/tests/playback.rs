@@ -1,11 +1,14 @@
-//! A moving scene in a scripted session at 72 Hz: each frame shows its own time, in an order that is made for it.
+//! A moving scene in a scripted session at 72 Hz: each frame shows its own time, in an order that is made for it, between
+//! the scene's frames and at whole ones.
 #![allow(clippy::unwrap_used, reason = "a test may")]
 
 use ash::vk;
 use motes_app::governor::{Budget, Governor};
 use motes_app::headset::{Comfort, Eye, EyeFov, Input, Pose};
+use motes_app::measurement::SWEEP;
 use motes_app::opened::Opened;
-use motes_app::time::TimeControl;
+use motes_app::time::{TimeCommand, TimeControl};
+use motes_desktop::bench::record::Record;
 use motes_renderer::{Offscreen, Packing, Precision, RenderConfig, SceneOnDevice, ShPrecision};
 use motes_scenes::synthetic::{Animation, Recipe};
 use motes_scenes::{LoadOptions, save};
@@ -17,10 +20,10 @@ use motes_xr::{
 const PERIOD: i64 = 1_000_000_000 / 72;
 const PACKING: Packing = Packing { precision: Precision::F32, sh_precision: ShPrecision::F32, sh_degree: 0 };
 
-/// The head stands still for six frames, then for six frames elsewhere, and so on.
-fn script(frames: i64) -> Script {
+/// The head stands still for so many frames, then as many elsewhere, and so on.
+fn script(frames: i64, still: i64) -> Script {
     let eye = |frame: i64, x: f32| Eye {
-        pose: Pose { position: [x + 0.05 * (frame / 6) as f32, 1.6, 0.0], ..Pose::default() },
+        pose: Pose { position: [x + 0.05 * (frame / still) as f32, 1.6, 0.0], ..Pose::default() },
         fov: EyeFov { left: -0.8, right: 0.8, up: 0.8, down: -0.8 },
     };
     let step = |frame: i64| {
@@ -41,49 +44,125 @@ fn script(frames: i64) -> Script {
     Script { images: EyeImages { size: [64, 64], format: vk::Format::R8G8B8A8_UNORM }, steps }
 }
 
-#[test]
-fn every_frame_shows_its_time_in_both_eyes() {
+/// What a session at 72 Hz showed of a scene of 30 frames a second.
+struct Seen {
+    /// Scene times, frame by frame.
+    times: Vec<f32>,
+    /// How many frames an order was older than the frame that it was used for, at most.
+    oldest: usize,
+}
+
+fn play(whole_frames: bool) -> Seen {
     let gpu = TestGpu::new();
     let animation = Animation { fleeting: 1.0, width: 0.05, ..Animation::default() };
     let splats = Recipe { count: 1500, seed: 8, ..Recipe::default() }.moving(&animation);
-    let file = std::env::temp_dir().join(format!("motes-playback-{}.ply", std::process::id()));
+    let name = format!("motes-playback-{}-{whole_frames}.ply", std::process::id());
+    let file = std::env::temp_dir().join(name);
     save(&file, &splats).unwrap();
     let opened = Opened::load(std::slice::from_ref(&file), &LoadOptions::default()).unwrap();
     std::fs::remove_file(&file).unwrap();
-    let mut headset = ScriptedHeadset::new(&gpu, script(24)).unwrap();
+    let mut headset = ScriptedHeadset::new(&gpu, script(24, 6)).unwrap();
     let mut viewer = Viewer::new(&headset, RenderConfig::default(), Comfort::default()).unwrap();
     viewer.show(Content::new(&gpu, &opened, PACKING).unwrap()).unwrap();
+    assert!(viewer.playback.is_some(), "a moving scene plays by itself");
     viewer.read_back(&headset, true).unwrap();
     // Thirty scene frames a second, so that times and views do not go in step.
-    viewer.playback = Some(TimeControl::new(1.0, 30));
+    let mut control = TimeControl::new(1.0, 30);
+    control.obey(TimeCommand::WholeFrames(whole_frames));
+    viewer.playback = Some(control);
 
     let scene = SceneOnDevice::new(&gpu, &opened.scene.splats, PACKING).unwrap();
     assert!(scene.positions.alive().is_some());
     let mut offscreen = Offscreen::new(&gpu).unwrap();
-    let mut frame = 0;
+    let mut seen = Seen { times: Vec::new(), oldest: 0 };
+    let mut wanted = Vec::new();
     while viewer.step(&mut headset).unwrap().is_none() {
+        let frame = seen.times.len();
         let last = *viewer.last_frame().unwrap();
-        let seen = viewer.pictures().unwrap();
-        let time = (frame as f64 * PERIOD as f64 / 1e9) as f32;
+        let pictures = viewer.pictures().unwrap();
+        let exact = frame as f64 * PERIOD as f64 / 1e9;
+        let time = if whole_frames { (exact * 30.0 + 1e-9).floor() / 30.0 } else { exact } as f32;
         assert!((last.wanted.time - time).abs() < 1e-6, "frame {frame}: {} is not {time}", last.wanted.time);
         assert!((last.used.time - time).abs() < 1e-6, "frame {frame}: an order for {}", last.used.time);
+        // The order was made for this frame, or for where the eyes were in the one before.
+        wanted.push(last.wanted.center);
+        let age = wanted.iter().rev().position(|&center| center == last.used.center);
+        seen.oldest = seen.oldest.max(age.unwrap());
         let at = |time| RenderConfig { time, ..RenderConfig::default() };
         let (expected, _) = offscreen.render(&scene, &last.views, &at(last.wanted.time)).unwrap();
-        if frame % 6 > 0 {
-            // The order was made for the very place.
+        if !frame.is_multiple_of(6) {
+            // The head stood still: the order was made for the very place.
             assert_eq!(last.used, last.wanted, "frame {frame}");
             for eye in 0..2 {
-                assert!(seen[eye] == expected[eye], "frame {frame}, eye {eye}");
+                assert!(pictures[eye] == expected[eye], "frame {frame}, eye {eye}");
             }
         }
-        // Controls: the frame before, and the other eye.
+        // Controls: another time, and the other eye.
         let before = at(last.wanted.time - PERIOD as f32 / 1e9);
         let (early, _) = offscreen.render(&scene, &last.views, &before).unwrap();
-        assert!(seen[0] != early[0] && seen[1] != early[1], "frame {frame} is not the one before");
-        assert!(seen[0] != seen[1]);
-        frame += 1;
+        assert!(pictures[0] != early[0] && pictures[1] != early[1], "frame {frame} is not the one before");
+        assert!(pictures[0] != pictures[1]);
+        seen.times.push(last.wanted.time);
     }
-    assert_eq!(frame, 24);
+    assert_eq!(seen.times.len(), 24);
+    println!("whole frames {whole_frames}: the oldest order was {} frames old", seen.oldest);
+    seen
+}
+
+#[test]
+fn every_frame_shows_its_time_in_both_eyes() {
+    let seen = play(false);
+    assert!(seen.oldest <= 1, "{}", seen.oldest);
+    assert!(seen.times.windows(2).all(|w| w[1] > w[0]));
+}
+
+#[test]
+fn whole_frames_at_30_hz_are_shown_at_72() {
+    let seen = play(true);
+    assert!(seen.oldest <= 1, "{}", seen.oldest);
+    let mut distinct = seen.times.clone();
+    distinct.dedup();
+    // A third of a second: ten frames, each seen two or three times.
+    assert_eq!(distinct.len(), 10);
+}
+
+/// The panel's measurement, to its end: a record as `motes bench` keeps it, a table, and the rates that follow.
+#[test]
+fn a_measurement_in_the_headset_is_a_benchs_record() {
+    let gpu = TestGpu::new();
+    let opened =
+        Opened::load(&[motes_tests::sample("static/fruit_drops_minimal.ply")], &LoadOptions::default());
+    let mut headset = ScriptedHeadset::new(&gpu, script(500, 500)).unwrap();
+    let mut viewer = Viewer::new(&headset, RenderConfig::default(), Comfort::default()).unwrap();
+    viewer.show(Content::new(&gpu, &opened.unwrap(), PACKING).unwrap()).unwrap();
+    viewer.measure();
+    assert!(!viewer.measuring(), "there is no folder yet");
+    let folder = tempfile::tempdir().unwrap();
+    viewer.measurements = Some(folder.path().to_owned());
+    viewer.measure();
+    let mut frames = 0;
+    while viewer.measuring() {
+        assert!(viewer.step(&mut headset).unwrap().is_none(), "the script is too short");
+        frames += 1;
+    }
+    let written = std::fs::read_dir(folder.path()).unwrap().next().unwrap().unwrap().path();
+    let record = Record::read(&written).unwrap();
+    assert_eq!((record.machines.len(), record.scenes.len(), record.refusals.len()), (1, 1, 0));
+    assert_eq!(record.frames.len() % SWEEP.len(), 0);
+    assert!(frames > record.frames.len() && record.frames.len() >= 12 * 20, "{frames}");
+    // Each configuration was really drawn: other choices, other counts.
+    let fragments = |name: &str| {
+        let mut of: Vec<_> =
+            record.frames.iter().filter(|f| f.configuration == name).map(|f| f.report.fragments).collect();
+        of.sort_unstable();
+        of[of.len() / 2]
+    };
+    assert!(fragments("shape=diamond") < fragments("default"));
+    assert!(fragments("shape=square") > fragments("default"));
+    assert!(fragments("composite=front-to-back") >= fragments("default"));
+    let table = std::fs::read_to_string(written.join("results.csv")).unwrap();
+    assert_eq!(table.lines().count(), 1 + SWEEP.len());
+    assert!(record.frames.iter().all(|f| f.report.device_ns() > 0.0 && f.report.views == 2));
 }
 
 /// The governor in the headset's frames: both eyes, the head in motion.
@@ -96,7 +175,7 @@ fn the_headset_holds_its_budget() {
     let opened = Opened::load(std::slice::from_ref(&file), &LoadOptions::default()).unwrap();
     std::fs::remove_file(&file).unwrap();
     let run = |budget: Option<Budget>| {
-        let mut headset = ScriptedHeadset::new(&gpu, script(150)).unwrap();
+        let mut headset = ScriptedHeadset::new(&gpu, script(150, 6)).unwrap();
         let mut viewer = Viewer::new(&headset, RenderConfig::default(), Comfort::default()).unwrap();
         viewer.show(Content::new(&gpu, &opened, PACKING).unwrap()).unwrap();
         viewer.governor = budget.map(Governor::new);

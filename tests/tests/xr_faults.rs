@@ -112,6 +112,9 @@ fn a_runtime_that_comes_back_is_used_again() {
             record: None,
             frames: 60,
             patience: Duration::from_secs(40),
+            folder: None,
+            report: None,
+            measurements: None,
         };
         let visit = show(&(), &options, &mut || false).unwrap();
         println!("{visit:?}");

@@ -200,6 +200,7 @@ fn a_known_object_has_the_right_disparity() {
         let ahead = 1.2;
         let show = |gpu: &Arc<Gpu>| Content {
             scene: SceneOnDevice::new(gpu, &ball(DVec3::new(0.1, 1.7, -ahead)), PACKING).unwrap(),
+            sequence: None,
             scene_to_world: DAffine3::IDENTITY,
             first_view: FirstView {
                 place: DVec3::new(0.0, 1.6, 0.0),
@@ -251,6 +252,7 @@ fn hands_and_buttons_do_what_is_specified() {
     with_monado("hands_and_buttons_do_what_is_specified", Source::Remote(free_port()), || {
         let show = |gpu: &Arc<Gpu>| Content {
             scene: SceneOnDevice::new(gpu, &ball(DVec3::new(0.1, 1.7, -1.2)), PACKING).unwrap(),
+            sequence: None,
             scene_to_world: DAffine3::IDENTITY,
             first_view: FirstView {
                 place: DVec3::new(0.0, 1.6, 0.0),
@@ -381,7 +383,7 @@ fn hands_and_buttons_do_what_is_specified() {
 
         // The panel's own button, clicked: exit.
         remote.hands[1].squeeze = 0.0;
-        remote.hands[1].pose = RemotePose::at([0.324, 1.48 + 0.2457, -0.3]);
+        remote.hands[1].pose = RemotePose::at([0.324, 1.48 + 0.3807, -0.3]);
         session.remote.send(&remote);
         session.until("pointed at exit", |s| {
             s.viewer.panel_events().pointer.is_some_and(|[u, v]| u > 0.9 && v < 0.1)

@@ -4,6 +4,7 @@ use crate::XrError;
 use glam::{DAffine3, DQuat, DVec3};
 use motes_app::framing::Framing;
 use motes_app::opened::Opened;
+use motes_app::sequence::{BUDGET, SequenceOnDevice};
 use motes_renderer::gpu::Gpu;
 use motes_renderer::{Packing, SceneOnDevice, View};
 use motes_scenes::settings::Settings;
@@ -50,8 +51,10 @@ impl FirstView {
 
 /// A scene, and how it stands in the world.
 pub struct Content {
-    /// The splats.
+    /// The splats; of a sequence the first frame's.
     pub scene: SceneOnDevice,
+    /// The frames of a sequence.
+    pub sequence: Option<SequenceOnDevice>,
     /// From scene to world: turn, scale, floor.
     pub scene_to_world: DAffine3,
     /// From where it is seen at first.
@@ -77,8 +80,16 @@ impl Content {
     /// # Errors
     /// The device cannot hold it; the error says what would fit.
     pub fn new(gpu: &Arc<Gpu>, opened: &Opened, packing: Packing) -> Result<Self, XrError> {
+        let scene = SceneOnDevice::new(gpu, &opened.scene.splats, packing)?;
+        let sequence = if opened.frames.is_empty() {
+            None
+        } else {
+            let sequence = SequenceOnDevice::new(gpu, &opened.frames, scene.packing, BUDGET);
+            Some(sequence.map_err(XrError::Thread)?)
+        };
         Ok(Self {
-            scene: SceneOnDevice::new(gpu, &opened.scene.splats, packing)?,
+            scene,
+            sequence,
             scene_to_world: opened.settings.scene_to_world(),
             first_view: FirstView::of(opened),
             about: Some(About {

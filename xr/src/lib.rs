@@ -19,5 +19,5 @@ pub use loader::{LoadError, Loaded, Loader, SceneSource};
 pub use readback::Readback;
 pub use runtime::{Optional, Platform, Runtime, RuntimeHeadset, RuntimeOptions, SessionOptions};
 pub use script::{Order, Recorder, Script, ScriptFrame, ScriptStep, ScriptedHeadset};
-pub use show::{Pump, ShowError, ShowOptions, Visit, show};
+pub use show::{Pump, ShowError, ShowOptions, Visit, scenes_in, show};
 pub use viewer::{FrameTimes, LastFrame, Viewer};

@@ -73,7 +73,7 @@ impl Loader {
             };
             let load = || -> Result<Loaded, LoadError> {
                 let opened = match source {
-                    SceneSource::Files(paths) => Arc::new(Opened::load(&paths, &options)?),
+                    SceneSource::Files(paths) => Arc::new(Opened::load_to_play(&paths, &options)?),
                     SceneSource::Memory(opened) => opened,
                 };
                 Ok(Loaded { content: Content::new(&gpu, &opened, packing)?, opened })

@@ -7,8 +7,11 @@ use crate::{
 };
 use motes_app::governor::{Budget, Governor};
 use motes_app::headset::Comfort;
+use motes_app::opened::name_of;
+use motes_renderer::gpu::DeviceReport;
 use motes_renderer::{Packing, RenderConfig};
-use std::path::PathBuf;
+use motes_scenes::{Format, looks_like_sequence};
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// What is shown, and how.
@@ -36,6 +39,12 @@ pub struct ShowOptions {
     pub frames: u64,
     /// How long a lost runtime is waited for.
     pub patience: Duration,
+    /// A folder whose scenes the panel offers; new ones are seen. None: only the source is shown.
+    pub folder: Option<PathBuf>,
+    /// Where measurements are written that the panel's button makes; nowhere where there is none.
+    pub measurements: Option<PathBuf>,
+    /// Where the device's report is written at the start, for `motes device`; nowhere where there is none.
+    pub report: Option<PathBuf>,
 }
 
 /// How often a lost runtime is looked for.
@@ -66,6 +75,55 @@ impl ShowError {
     pub fn is_absent(&self) -> bool {
         matches!(self, Self::Headset(error) if error.is_absent())
     }
+}
+
+/// The scenes in a folder, looked for again and again: they are pushed while the viewer runs.
+struct Shelf {
+    folder: PathBuf,
+    scenes: Vec<PathBuf>,
+    looked: Option<Instant>,
+}
+
+/// How often a folder is looked at.
+const LOOK: Duration = Duration::from_secs(2);
+
+impl Shelf {
+    fn new(folder: &Path) -> Self {
+        Self { folder: folder.to_owned(), scenes: Vec::new(), looked: None }
+    }
+
+    /// Looks, where it is time to; says whether something has changed. A folder that is not there is empty.
+    fn look(&mut self) -> bool {
+        if self.looked.is_some_and(|looked| looked.elapsed() < LOOK) {
+            return false;
+        }
+        self.looked = Some(Instant::now());
+        let scenes = scenes_in(&self.folder);
+        let changed = scenes != self.scenes;
+        self.scenes = scenes;
+        changed
+    }
+
+    fn names(&self) -> Vec<String> {
+        self.scenes.iter().map(|scene| name_of(scene)).collect()
+    }
+}
+
+/// The scenes in a folder, by name: files, folders that are one scene, folders of frames. None where there is no folder.
+pub fn scenes_in(folder: &Path) -> Vec<PathBuf> {
+    let Ok(entries) = std::fs::read_dir(folder) else { return Vec::new() };
+    let is_scene = |path: &PathBuf| {
+        let holds = |name: &str| path.join(name).is_file();
+        if path.is_dir() {
+            holds("meta.json") || holds("lod-meta.json") || looks_like_sequence(path)
+        } else {
+            Format::is_scene_name(path)
+        }
+    };
+    let mut scenes: Vec<PathBuf> =
+        entries.filter_map(|entry| Some(entry.ok()?.path())).filter(is_scene).collect();
+    scenes.sort();
+    scenes
 }
 
 /// Called once a step, some hundred times a second at most: follows the system's events, and says whether the visit is
@@ -124,13 +182,27 @@ fn session(
     visit: &mut Visit,
     leave: Pump<'_>,
 ) -> Result<SessionState, ShowError> {
+    let mut lines = vec![runtime.description().to_owned()];
+    lines.extend(runtime.optional().fallbacks().into_iter().map(str::to_owned));
     let headset = RuntimeHeadset::new(runtime, &options.session)?;
+    if let Some(file) = options.report.take() {
+        write_report(DeviceReport { headset: lines, ..DeviceReport::of(headset.gpu()) }, &file);
+    }
     match options.record.clone() {
         // Only the first session: the second would begin the file anew.
         Some(path) if visit.recoveries == 0 => {
             run(&mut Recorder::new(headset, &path)?, options, visit, leave)
         }
         _ => run(&mut { headset }, options, visit, leave),
+    }
+}
+
+/// Writes the device's report. That it cannot be written is no reason to show nothing.
+fn write_report(report: DeviceReport, file: &Path) {
+    let text = serde_json::to_vec_pretty(&report).map_err(std::io::Error::other);
+    match text.and_then(|text| std::fs::write(file, text)) {
+        Ok(()) => log::info!("what this device offers: {}", file.display()),
+        Err(error) => log::error!("{}: {error}", file.display()),
     }
 }
 
@@ -146,22 +218,43 @@ fn run(
         viewer.keep_pipelines(folder)?;
     }
     viewer.governor = options.budget.map(Governor::new);
+    viewer.measurements.clone_from(&options.measurements);
+    let mut shelf = options.folder.as_deref().map(Shelf::new);
     let before = visit.frames;
     let mut asked = false;
     loop {
         if let Some(loader) = &mut loading
             && let Some(loaded) = loader.poll()
         {
-            let loaded = loaded?;
-            for warning in &loaded.opened.scene.report.warnings {
-                log::warn!("{warning}");
-            }
-            log::info!("{}: {} splats", loaded.opened.name, loaded.opened.scene.splats.len());
-            options.source = SceneSource::Memory(loaded.opened);
-            viewer.show(loaded.content)?;
             loading = None;
+            match loaded {
+                Ok(loaded) => {
+                    for warning in &loaded.opened.scene.report.warnings {
+                        log::warn!("{warning}");
+                    }
+                    log::info!("{}: {} splats", loaded.opened.name, loaded.opened.scene.splats.len());
+                    options.source = SceneSource::Memory(loaded.opened);
+                    viewer.show(loaded.content)?;
+                }
+                // Another scene can be chosen: the user is told, and what was shown stays.
+                Err(error) if shelf.is_some() => {
+                    log::error!("{error}");
+                    viewer.tell(error.to_string());
+                }
+                Err(error) => return Err(error.into()),
+            }
         }
         viewer.set_loading(loading.as_ref().map(Loader::progress));
+        if let Some(shelf) = &mut shelf {
+            if shelf.look() {
+                viewer.offer(shelf.names());
+            }
+            if let Some(scene) = viewer.chosen().and_then(|i| shelf.scenes.get(i)) {
+                log::info!("opening {}", scene.display());
+                let source = SceneSource::Files(vec![scene.clone()]);
+                loading = Some(Loader::start(headset.gpu(), source, options.packing)?);
+            }
+        }
         let ended = viewer.step(headset)?;
         visit.frames = before + viewer.frames();
         if let Some(state) = ended {
@@ -175,5 +268,31 @@ fn run(
                 return Ok(SessionState::Exiting);
             }
         }
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a test may")]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scenes_that_are_pushed_are_seen() {
+        let folder = std::env::temp_dir().join(format!("motes-shelf-{}", std::process::id()));
+        let mut shelf = Shelf::new(&folder);
+        assert!(!shelf.look() && shelf.names().is_empty(), "there is no folder yet");
+        std::fs::create_dir_all(folder.join("sog")).unwrap();
+        for file in ["b.ply", "a.splat", "notes.txt", "sog/meta.json"] {
+            std::fs::write(folder.join(file), "").unwrap();
+        }
+        assert!(!shelf.look(), "not yet time to look again");
+        shelf.looked = None;
+        assert!(shelf.look());
+        assert_eq!(shelf.names(), ["a.splat", "b.ply", "sog"]);
+        shelf.looked = None;
+        assert!(!shelf.look(), "nothing has changed");
+        std::fs::remove_dir_all(&folder).unwrap();
+        shelf.looked = None;
+        assert!(shelf.look() && shelf.names().is_empty());
     }
 }

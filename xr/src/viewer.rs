@@ -8,14 +8,16 @@ use crate::{
 use motes_app::governor::Governor;
 use motes_app::headset::menu::{MenuCommand, MenuFacts};
 use motes_app::headset::{Comfort, Eye, Input, Locomotion, PANEL_SIZE, Panel, PanelEvents, Placement, Pose};
+use motes_app::measurement::{Machine, Measurement, SceneRecord};
 use motes_app::time::TimeControl;
 use motes_renderer::order::{OrderRequest, SortWorker};
 use motes_renderer::pipeline_cache::Kept;
 use motes_renderer::{
-    DrawRequest, Expansion, Frame, FrameReport, PRESETS, Picture, RenderConfig, Renderer, Stereo, View,
+    DrawRequest, Expansion, Frame, FrameReport, PRESETS, Picture, RenderConfig, Renderer, Sorter, Stereo,
+    Traffic, View,
 };
 use motes_scenes::settings::{Orientation, Settings};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// What the last drawn frame showed.
@@ -102,8 +104,11 @@ pub struct Viewer {
     pub governor: Option<Governor>,
     /// Comfort options.
     pub comfort: Comfort,
-    /// The time of a moving scene; without it `config.time` stands still.
+    /// The time of a moving scene, playing from `config.time` once it is shown; without it that stands still.
     pub playback: Option<TimeControl>,
+    /// Where measurements are written; nowhere: none are made.
+    pub measurements: Option<PathBuf>,
+    measurement: Option<Measurement>,
     /// The order that was asked for last.
     requested: Option<OrderRequest>,
     head: Pose,
@@ -117,6 +122,10 @@ pub struct Viewer {
     screen: PanelScreen,
     loading: Option<f32>,
     problem: String,
+    /// Names of scenes that the panel offers.
+    offered: Vec<String>,
+    /// The one that the user chose.
+    chosen: Option<usize>,
     last: Option<LastFrame>,
 }
 
@@ -137,6 +146,8 @@ impl Viewer {
             governor: None,
             comfort,
             playback: None,
+            measurements: None,
+            measurement: None,
             requested: None,
             head: Pose::default(),
             last_time: None,
@@ -149,6 +160,8 @@ impl Viewer {
             screen: PanelScreen::new(),
             loading: None,
             problem: String::new(),
+            offered: Vec::new(),
+            chosen: None,
             last: None,
         })
     }
@@ -168,6 +181,13 @@ impl Viewer {
     pub fn show(&mut self, content: Content) -> Result<(), XrError> {
         self.renderer.gpu().wait_idle()?;
         let sorter = SortWorker::new(content.scene.positions.clone()).map_err(XrError::Thread)?;
+        self.playback = match &content.sequence {
+            Some(sequence) => Some(sequence.time_control()),
+            None => content.scene.moving.then(TimeControl::default),
+        };
+        if let Some(playback) = &mut self.playback {
+            playback.scrub(self.config.time.into());
+        }
         self.shown = Some(Shown { content, sorter });
         self.requested = None;
         self.locomotion = None;
@@ -187,6 +207,22 @@ impl Viewer {
     /// How much of a scene is loaded, while one is: the panel tells, and comes by itself where no scene is shown yet.
     pub fn set_loading(&mut self, part: Option<f32>) {
         self.loading = part;
+    }
+
+    /// Tells the user what did not work; the panel comes by itself.
+    pub fn tell(&mut self, problem: String) {
+        self.problem = problem;
+        self.panel.open(&self.head);
+    }
+
+    /// Names of scenes that the panel offers.
+    pub fn offer(&mut self, scenes: Vec<String>) {
+        self.offered = scenes;
+    }
+
+    /// The scene among the offered ones that the user chose, once.
+    pub fn chosen(&mut self) -> Option<usize> {
+        self.chosen.take()
     }
 
     /// The panel's state.
@@ -254,8 +290,10 @@ impl Viewer {
     }
 
     fn frame(&mut self, headset: &mut dyn Headset, frame: &FrameTime) -> Result<(), XrError> {
+        let begun = Instant::now();
         let mut clock = Clock::start();
         let mut times = FrameTimes::default();
+        self.go_on_measuring();
         let input = headset.input(frame)?;
         self.act(frame, &input);
         if self.events.exit {
@@ -267,7 +305,7 @@ impl Viewer {
         times.act = clock.lap();
         // Waits for the frame before the last; poses are located after it.
         let commands = self.renderer.begin()?;
-        if let Some(governor) = &mut self.governor {
+        if let (Some(governor), None) = (&mut self.governor, &self.measurement) {
             governor.observe(self.renderer.last_report(), &self.config);
         }
         times.wait = clock.lap();
@@ -295,14 +333,26 @@ impl Viewer {
         let size = headset.images().size;
         let views: [View; 2] = eyes.each_ref().map(|eye| placement.view(eye, &content.scene_to_world, size));
         let units = placement.scene_units(&content.scene_to_world) as f32;
+        let measured = self.measurement.as_ref().and_then(Measurement::config).cloned();
+        let measures = measured.is_some();
+        let governed = |g: &Governor| g.apply(&self.config);
         let mut config =
-            self.governor.as_ref().map_or_else(|| self.config.clone(), |g| g.apply(&self.config));
+            measured.or_else(|| self.governor.as_ref().map(governed)).unwrap_or_else(|| self.config.clone());
         config.near *= units;
         config.near_fade *= units;
         if let Some(playback) = &mut self.playback {
             let since = self.last.as_ref().map_or(0, |last| frame.display_time - last.time.display_time);
-            config.time = playback.advance(Duration::from_nanos(since.max(0) as u64));
+            let passed = if measures { 0 } else { since.max(0) as u64 };
+            config.time = playback.advance(Duration::from_nanos(passed));
         }
+        let frame_of_sequence = match (&mut content.sequence, &self.playback) {
+            (Some(sequence), Some(playback)) => {
+                // Each frame is a scene of its own: its order is made where it is drawn.
+                config.sorter = Sorter::Gpu;
+                sequence.show(playback).map(|(_, scene)| scene)
+            }
+            _ => None,
+        };
         sorter.set_interval(config.sort_interval);
         let wanted = OrderRequest::new(&views, &config);
         times.locate = clock.lap();
@@ -311,8 +361,9 @@ impl Viewer {
         if let (Some(requested), true) = (self.requested, content.scene.moving && config.sort_interval == 1) {
             newest = requested;
         }
+        let on_processor = config.sorter == Sorter::Cpu;
         let used = headset.order(newest)?;
-        let order = sorter.wait_for(used);
+        let order = if on_processor { sorter.wait_for(used) } else { sorter.newest().0 };
         times.order = clock.lap();
         let target = headset.target()?;
         times.image = clock.lap();
@@ -321,7 +372,7 @@ impl Viewer {
         } else {
             Stereo::TwoPass
         };
-        let scene = &content.scene;
+        let scene = frame_of_sequence.as_deref().unwrap_or(&content.scene);
         let request = DrawRequest { scene, order, views: &views, config: &config, target: &target, stereo };
         self.renderer.draw(&commands, &request)?;
         if let (Some(readback), Some(image)) = (&self.readback, headset.image()) {
@@ -332,14 +383,21 @@ impl Viewer {
             self.renderer.submit(commands, &[], &[])?;
         }
         times.draw = clock.lap();
+        if let Some(measurement) = &mut self.measurement {
+            let report = self.renderer.last_report();
+            let wall_ms = begun.elapsed().as_secs_f64() * 1e3;
+            measurement.drawn(report, Traffic::of(scene, &config, report), wall_ms);
+        }
         headset.end(frame, Some(&eyes), quads)?;
         // The next order is made while the device blends this frame.
         // For the time that it will be then.
         let next = Duration::from_nanos(frame.period.max(0) as u64);
         let time = self.playback.as_ref().map_or(wanted.time, |p| p.predict(next));
         let request = OrderRequest { time, ..wanted };
-        sorter.request(request);
-        self.requested = Some(request);
+        if on_processor {
+            sorter.request(request);
+        }
+        self.requested = on_processor.then_some(request);
         times.end = clock.lap();
         self.times = times;
         self.frames += 1;
@@ -375,6 +433,9 @@ impl Viewer {
             report: self.renderer.last_report().clone(),
             settings: about.map(|about| &about.settings),
             governor: self.governor.as_ref(),
+            time: self.playback.as_ref(),
+            measuring: self.measurement.as_ref().map(Measurement::progress),
+            scenes: &self.offered,
             problem: &self.problem,
         };
         let seconds = frame.display_time as f64 / 1e9;
@@ -409,8 +470,62 @@ impl Viewer {
             MenuCommand::Up(axis) => self.change(|settings| settings.orientation = Orientation::Up(axis)),
             MenuCommand::Scale(scale) => self.change(|settings| settings.scale = scale.clamp(1e-6, 1e6)),
             MenuCommand::Save => self.save(),
+            MenuCommand::Open(scene) => self.chosen = Some(scene),
+            MenuCommand::Measure => self.measure(),
+            MenuCommand::Time(command) => {
+                if let Some(playback) = &mut self.playback {
+                    playback.obey(command);
+                }
+            }
         }
         Ok(())
+    }
+
+    /// Begins to measure the device on the scene that is shown, configuration by configuration; what is measured goes into
+    /// a folder of its own in [`Viewer::measurements`].
+    pub fn measure(&mut self) {
+        let Some(Shown { content, .. }) = &self.shown else { return };
+        if self.measurements.is_none() {
+            self.problem = "There is no folder for measurements".into();
+            return;
+        }
+        let scene = SceneRecord {
+            scene: content.about.as_ref().map_or_else(|| "a scene".to_owned(), |about| about.name.clone()),
+            splats: content.scene.splats,
+            sh_degree: content.scene.packing.sh_degree,
+            moving: content.scene.moving,
+            only: None,
+        };
+        let machine = Machine::here(&self.renderer.gpu().capabilities);
+        match Measurement::new(machine, scene, &self.config) {
+            Ok(measurement) => self.measurement = Some(measurement),
+            Err(problem) => self.problem = problem,
+        }
+    }
+
+    /// Passes over what the device cannot draw, and writes down what is finished.
+    fn go_on_measuring(&mut self) {
+        let Some(measurement) = &mut self.measurement else { return };
+        let capabilities = &self.renderer.gpu().capabilities;
+        while let Some(Err(error)) = measurement.config().map(|config| config.check(2, capabilities)) {
+            measurement.refused(error.to_string());
+        }
+        if measurement.config().is_some() {
+            return;
+        }
+        let folder = self.measurements.as_deref();
+        self.problem = match folder.map(|folder| measurement.save(folder)) {
+            Some(Ok(written)) => format!("Measured: {}", written.display()),
+            Some(Err(error)) => format!("The measurement cannot be written: {error}"),
+            None => String::new(),
+        };
+        log::info!("{}", self.problem);
+        self.measurement = None;
+    }
+
+    /// Whether a measurement goes on.
+    pub fn measuring(&self) -> bool {
+        self.measurement.is_some()
     }
 
     /// A preset, where the device can draw two views by it.

@@ -1,6 +1,7 @@
 //! The Android side: which toolchain compiles for it, what may be in its dependency graph, and how the
 //! native library is linked, with an NDK or without one.
 
+pub mod emulated;
 pub mod graph;
 pub mod linker;
 pub mod manifest;

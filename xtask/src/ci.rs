@@ -31,6 +31,7 @@ pub fn ci() -> Result<ExitCode> {
     android::check()?;
     package::apk(&[])?;
     package::check_with_android_tools()?;
+    android::emulated::run_where_possible()?;
     say("tests");
     let tests = test::test(&[])?;
     say(&format!("all of it took {} s", start.elapsed().as_secs()));

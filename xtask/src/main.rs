@@ -31,6 +31,8 @@ cargo xtask COMMAND
   run-on-driver -- COMMAND    run COMMAND (a program, or cargo) on the pinned driver
   stability                   measure the hard cases and write docs/stability.md with its plots (some minutes)
   android-check               what the application for Android is made of, and whether it compiles
+  android-run                 run the application's arm64 code on an emulated processor (Python's emulite), and compare
+                              what it computes with this machine
   apk [OPTIONS]               build the application for Quest headsets: target/android/motes.apk
       --ndk DIR                 link with an Android NDK (else ANDROID_NDK_HOME; without one, stubs are made)
       --openxr-loader FILE      pack the OpenXR loader for arm64: libopenxr_loader.so, or the AAR that holds it
@@ -80,6 +82,10 @@ fn dispatch(command: &str, arguments: &[String]) -> Result<ExitCode> {
         "android-check" => {
             no_arguments(command, arguments)?;
             android::check()
+        }
+        "android-run" => {
+            no_arguments(command, arguments)?;
+            android::emulated::run()
         }
         "apk" => package::apk(arguments),
         "apk-check" => package::check(arguments),

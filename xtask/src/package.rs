@@ -15,6 +15,9 @@ the APK has no OpenXR loader: it starts, says so in its log, and shows nothing.
   Khronos' OpenXR-SDK-Source on GitHub, or from Maven Central as org.khronos.openxr:openxr_loader_for_android.
   Then: cargo xtask apk --openxr-loader openxr_loader_for_android-VERSION.aar";
 
+/// Files of `scenes/samples` that the application finds among its assets: the sample, and whose work it is.
+const ASSETS: [&str; 2] = ["plant.spz", "ATTRIBUTION.md"];
+
 #[derive(Debug, Default, PartialEq, Eq)]
 struct Options {
     ndk: Option<PathBuf>,
@@ -72,6 +75,10 @@ pub fn apk(arguments: &[String]) -> Result<ExitCode> {
     if let Some(loader) = &options.loader {
         pack.arg("--loader").arg(loader);
     }
+    for asset in ASSETS {
+        let file = workspace::root().join("scenes/samples").join(asset);
+        pack.arg("--asset").arg(format!("{asset}={}", file.display()));
+    }
     match &options.keystore {
         None => {
             let key = match options.key {
@@ -104,7 +111,12 @@ pub fn check(arguments: &[String]) -> Result<ExitCode> {
 }
 
 fn check_file(file: &Path) -> Result<()> {
-    shell::run(packer().arg("check").arg(file))
+    let mut check = packer();
+    check.arg("check").arg(file);
+    for asset in ASSETS {
+        check.args(["--asset", asset]);
+    }
+    shell::run(&mut check)
 }
 
 /// Other programs are started in the workspace's root, so a path that a person typed is made absolute first.

@@ -2,12 +2,13 @@
 
 use super::{Comfort, PanelEvents};
 use crate::governor::{Budget, Governor, LADDER};
+use crate::time::{Repeat, TimeCommand, TimeControl};
 use egui::{Button, Context, Event, PointerButton, Pos2, RawInput, Rect, RichText, Ui, vec2};
 use motes_renderer::{FrameReport, PRESETS};
 use motes_scenes::settings::{Axis, Orientation, Settings};
 
 /// Size of the panel's picture, pixels: 0.75 mm a pixel, so that text of 16 points is 24 mm high at two pixels a point.
-pub const MENU_SIZE: [u32; 2] = [960, 720];
+pub const MENU_SIZE: [u32; 2] = [960, 1080];
 /// Pixels of the picture in a point of egui's.
 pub const PIXELS_PER_POINT: f32 = 2.0;
 
@@ -41,6 +42,12 @@ pub enum MenuCommand {
     Scale(f64),
     /// Write the scene's settings beside it.
     Save,
+    /// Something about the time of a moving scene.
+    Time(TimeCommand),
+    /// Another scene, by its place among those that are offered.
+    Open(usize),
+    /// Measure the device on the scene that is shown.
+    Measure,
 }
 
 /// What the panel tells.
@@ -60,7 +67,13 @@ pub struct MenuFacts<'a> {
     pub settings: Option<&'a Settings>,
     /// What holds the budget, where there is one.
     pub governor: Option<&'a Governor>,
-    /// What could not be done.
+    /// The time of a moving scene.
+    pub time: Option<&'a TimeControl>,
+    /// Names of scenes that can be opened.
+    pub scenes: &'a [String],
+    /// How much of a measurement is done, while one goes on.
+    pub measuring: Option<f32>,
+    /// What could not be done, or was.
     pub problem: &'a str,
 }
 
@@ -140,6 +153,10 @@ pub fn show(ui: &mut Ui, facts: &MenuFacts<'_>, comfort: &Comfort) -> Vec<MenuCo
         1.0 / facts.frame_seconds.max(1e-3),
         r.device_ns() / 1e6
     ));
+    if let Some(control) = facts.time {
+        ui.separator();
+        time(ui, control, &mut commands);
+    }
     ui.separator();
     ui.horizontal_wrapped(|ui| {
         ui.label("Quality");
@@ -206,7 +223,63 @@ pub fn show(ui: &mut Ui, facts: &MenuFacts<'_>, comfort: &Comfort) -> Vec<MenuCo
             }
         });
     }
+    if !facts.scenes.is_empty() {
+        egui::ScrollArea::horizontal().show(ui, |ui| {
+            ui.horizontal(|ui| {
+                ui.label("Scenes");
+                for (i, name) in facts.scenes.iter().enumerate() {
+                    if ui.selectable_label(name == facts.scene, name).clicked() {
+                        commands.push(MenuCommand::Open(i));
+                    }
+                }
+            });
+        });
+    }
+    ui.horizontal(|ui| match facts.measuring {
+        None if ui.button("Measure").on_hover_text("this device, on this scene").clicked() => {
+            commands.push(MenuCommand::Measure);
+        }
+        None => {}
+        Some(part) => {
+            ui.label(format!("measuring, {:.0} %: hold still", part * 100.0));
+        }
+    });
     commands
+}
+
+fn time(ui: &mut Ui, control: &TimeControl, commands: &mut Vec<MenuCommand>) {
+    let mut ask = |command| commands.push(MenuCommand::Time(command));
+    ui.horizontal(|ui| {
+        if ui.button(if control.playing() { "Pause" } else { "Play" }).clicked() {
+            ask(TimeCommand::Toggle);
+        }
+        for (step, name) in [(-1, "−"), (1, "+")] {
+            if ui.button(name).clicked() {
+                ask(TimeCommand::Step(step));
+            }
+        }
+        let mut shown = control.time();
+        ui.spacing_mut().slider_width = 200.0;
+        if ui.add(egui::Slider::new(&mut shown, 0.0..=1.0).max_decimals(2)).changed() {
+            ask(TimeCommand::Scrub(shown.into()));
+        }
+    });
+    ui.horizontal(|ui| {
+        for (name, command) in [("÷ 2", TimeCommand::Slower), ("× 2", TimeCommand::Faster)] {
+            if ui.button(name).clicked() {
+                ask(command);
+            }
+        }
+        ui.label(format!("{:+.2}", control.speed()));
+        if ui.button("Back").on_hover_text("the other way").clicked() {
+            ask(TimeCommand::Reverse);
+        }
+        for (repeat, name) in Repeat::ALL {
+            if ui.selectable_label(control.repeat() == repeat, name).clicked() {
+                ask(TimeCommand::Repeat(repeat));
+            }
+        }
+    });
 }
 
 #[cfg(test)]
@@ -219,11 +292,14 @@ mod tests {
         let (raw, pointer) = input(&events, 0.0, *at);
         *at = pointer;
         let settings = Settings::default();
+        let time = TimeControl::default();
         let governor = Governor::new(Budget::QUEST_3);
         let facts = MenuFacts {
             scene: "plant",
             settings: Some(&settings),
             governor: Some(&governor),
+            time: Some(&time),
+            scenes: &["garden.ply".to_owned(), "plant".to_owned()],
             problem: "something could not be done",
             ..MenuFacts::default()
         };
@@ -237,6 +313,44 @@ mod tests {
         let height = MENU_SIZE[1] as f32 / PIXELS_PER_POINT;
         assert!(bottom <= height, "the panel is {height} points high, and its content {bottom}");
         commands
+    }
+
+    #[test]
+    fn everything_fits_and_every_control_of_time_answers() {
+        let context = context();
+        let mut at = None;
+        let mut found = Vec::new();
+        for row in 0..48 {
+            for column in 0..32 {
+                let place = [(column as f32 + 0.5) / 32.0, (row as f32 + 0.5) / 48.0];
+                for (pressed, released) in [(false, false), (true, false), (false, true)] {
+                    let events =
+                        PanelEvents { pointer: Some(place), pressed, released, ..Default::default() };
+                    found.extend(frame(&context, events, &mut at));
+                }
+            }
+        }
+        for wanted in [
+            MenuCommand::Time(TimeCommand::Toggle),
+            MenuCommand::Time(TimeCommand::Step(-1)),
+            MenuCommand::Time(TimeCommand::Step(1)),
+            MenuCommand::Time(TimeCommand::Faster),
+            MenuCommand::Time(TimeCommand::Slower),
+            MenuCommand::Time(TimeCommand::Reverse),
+            MenuCommand::Time(TimeCommand::Repeat(Repeat::PingPong)),
+            MenuCommand::Time(TimeCommand::Repeat(Repeat::Once)),
+            MenuCommand::Save,
+            MenuCommand::Open(0),
+            MenuCommand::Open(1),
+            // The last row.
+            MenuCommand::Recentre,
+            MenuCommand::Reset,
+            MenuCommand::Measure,
+        ] {
+            assert!(found.contains(&wanted), "{wanted:?} cannot be reached");
+        }
+        let scrubbed = |c: &MenuCommand| matches!(c, MenuCommand::Time(TimeCommand::Scrub(t)) if *t > 0.5);
+        assert!(found.iter().any(scrubbed));
     }
 
     #[test]

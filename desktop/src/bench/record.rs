@@ -6,15 +6,11 @@ use std::fs::{File, OpenOptions};
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-use motes_renderer::gpu::Capabilities;
-use motes_renderer::{FrameReport, Traffic};
+pub use motes_app::measurement::{FrameRecord, Machine, RECORD as FILE, Refusal, SceneRecord};
 use serde::{Deserialize, Serialize};
 
 use super::BenchError;
 use crate::measure::{Flip, Worst};
-
-/// The file's name in a bench's folder.
-pub const FILE: &str = "measurements.jsonl";
 
 /// One line.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -32,99 +28,6 @@ pub enum Line {
     Frame(FrameRecord),
     /// A configuration that cannot run.
     Refused(Refusal),
-}
-
-/// Where a run took place.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Machine {
-    /// The Vulkan device.
-    pub device: String,
-    /// Its driver.
-    pub driver: String,
-    /// Vulkan's version.
-    pub api: String,
-    /// Whether the device is the processor.
-    pub software: bool,
-    /// The processor.
-    pub processor: String,
-    /// Threads that the system offers.
-    pub threads: usize,
-    /// Operating system and architecture.
-    pub system: String,
-    /// This program's version, and whether it was built with optimisation.
-    pub version: String,
-    /// The commit of the folder that the program lies in, where it is a git checkout.
-    pub commit: Option<String>,
-    /// Date and time (UTC) when the run began.
-    pub date: String,
-}
-
-impl Machine {
-    /// This one.
-    pub fn here(capabilities: &Capabilities) -> Self {
-        let build = if cfg!(debug_assertions) { "debug build" } else { "release build" };
-        Self {
-            device: capabilities.device.clone(),
-            driver: capabilities.driver.clone(),
-            api: capabilities.api.clone(),
-            software: capabilities.software,
-            processor: processor(),
-            threads: std::thread::available_parallelism().map_or(1, usize::from),
-            system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
-            version: format!("{} ({build})", env!("CARGO_PKG_VERSION")),
-            commit: commit(),
-            date: date(std::time::SystemTime::now()),
-        }
-    }
-}
-
-fn processor() -> String {
-    let text = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let name = text.lines().find_map(|l| l.strip_prefix("model name")?.split_once(':'));
-    name.map_or_else(|| "unknown processor".to_owned(), |(_, name)| name.trim().to_owned())
-}
-
-fn commit() -> Option<String> {
-    let program = std::env::current_exe().ok()?;
-    let output = std::process::Command::new("git")
-        .arg("-C")
-        .arg(program.parent()?)
-        .args(["describe", "--always", "--dirty", "--abbrev=12"])
-        .output()
-        .ok()?;
-    let text = String::from_utf8(output.stdout).ok()?;
-    (output.status.success() && !text.trim().is_empty()).then(|| text.trim().to_owned())
-}
-
-/// `2026-11-25 14:03 UTC`.
-fn date(time: std::time::SystemTime) -> String {
-    let seconds = time.duration_since(std::time::UNIX_EPOCH).map_or(0, |d| d.as_secs());
-    let (days, minutes) = (seconds / 86_400, seconds % 86_400 / 60);
-    // Days of the Gregorian calendar, counted in 400-year cycles from the first of March of the year 0.
-    let shifted = days + 719_468;
-    let (cycle, day) = (shifted / 146_097, shifted % 146_097);
-    let year = (day - day / 1460 + day / 36_524 - day / 146_096) / 365;
-    let day = day - (365 * year + year / 4 - year / 100);
-    let month = (5 * day + 2) / 153;
-    let day = day - (153 * month + 2) / 5 + 1;
-    let (month, carry) = if month < 10 { (month + 3, 0) } else { (month - 9, 1) };
-    let year = 400 * cycle + year + carry;
-    format!("{year:04}-{month:02}-{day:02} {:02}:{:02} UTC", minutes / 60, minutes % 60)
-}
-
-/// A scene, as far as a report needs it.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct SceneRecord {
-    /// Its name in the bench.
-    pub scene: String,
-    /// Splats.
-    pub splats: u32,
-    /// Degree of its spherical harmonics.
-    pub sh_degree: u8,
-    /// Whether it moves.
-    pub moving: bool,
-    /// The named experiment that it is only there for.
-    pub only: Option<String>,
 }
 
 /// What pictures of a view are measured against.
@@ -180,38 +83,6 @@ pub struct ErrorRecord {
 
 /// Width of the rings of [`ErrorRecord::rings`].
 pub const RING_DEGREES: f64 = 10.0;
-
-/// One frame.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct FrameRecord {
-    /// Scene.
-    pub scene: String,
-    /// View.
-    pub view: String,
-    /// Configuration.
-    pub configuration: String,
-    /// Round: every configuration is drawn once before the next begins.
-    pub round: u32,
-    /// What the device counted and took.
-    pub report: FrameReport,
-    /// Bytes that follow from the counts.
-    pub traffic: Traffic,
-    /// From recording the commands to the device's end, ms.
-    pub wall_ms: f64,
-    /// Sorting on the processor, ms; absent where the order was kept, or the processor did not sort.
-    pub sort_ms: Option<f64>,
-}
-
-/// A configuration that cannot run.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Refusal {
-    /// Scene.
-    pub scene: String,
-    /// Configuration.
-    pub configuration: String,
-    /// Why.
-    pub reason: String,
-}
 
 /// Everything that a bench's folder holds.
 #[derive(Clone, Debug, Default)]
@@ -377,6 +248,7 @@ impl Journal {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use motes_renderer::{FrameReport, Traffic};
 
     fn folder(name: &str) -> PathBuf {
         let path = std::env::temp_dir().join(format!("motes-bench-{}-{name}", std::process::id()));
@@ -437,13 +309,5 @@ mod tests {
         let error = Journal::open(&folder).err().unwrap().to_string();
         assert!(error.contains("line 1") && error.contains(FILE), "{error}");
         assert!(Record::read(&folder.join("nowhere")).is_err());
-    }
-
-    #[test]
-    fn dates_are_those_of_the_calendar() {
-        let at = |seconds| date(std::time::UNIX_EPOCH + std::time::Duration::from_secs(seconds));
-        assert_eq!(at(0), "1970-01-01 00:00 UTC");
-        assert_eq!(at(951_782_400), "2000-02-29 00:00 UTC");
-        assert_eq!(at(1_798_761_599), "2026-12-31 23:59 UTC");
     }
 }

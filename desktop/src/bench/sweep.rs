@@ -4,7 +4,9 @@
 //! command line. A configuration is known by [`describe`]: what it changes in the default. So one that occurs in
 //! several sweeps is measured once, and one that was measured before is recognised.
 
-use motes_renderer::{CHOICES, Choice, PRESETS, RenderConfig};
+use motes_app::measurement;
+pub use motes_app::measurement::describe;
+use motes_renderer::{CHOICES, PRESETS, RenderConfig};
 
 use super::BenchError;
 use super::experiments::EXPERIMENTS;
@@ -98,28 +100,12 @@ pub struct Point {
     pub config: RenderConfig,
 }
 
-/// What a configuration changes in the default: `shape=diamond stop-below=0.02`, or `default`.
-pub fn describe(config: &RenderConfig) -> String {
-    let default = RenderConfig::default();
-    let differs = |c: &&Choice| c.get(config) != c.get(&default);
-    let changes: Vec<_> =
-        CHOICES.iter().filter(differs).map(|c| format!("{}={}", c.name, c.get(config))).collect();
-    if changes.is_empty() { "default".to_owned() } else { changes.join(" ") }
-}
-
 /// The inverse of [`describe`].
 ///
 /// # Errors
 /// A choice or a value that does not exist.
 pub fn parse(text: &str) -> Result<RenderConfig, BenchError> {
-    let mut config = RenderConfig::default();
-    for word in text.split_whitespace().filter(|w| *w != "default") {
-        let (name, value) = word
-            .split_once('=')
-            .ok_or_else(|| BenchError::Setting(format!("'{word}' is no change; write name=value")))?;
-        change(&mut config, name, value)?;
-    }
-    Ok(config)
+    measurement::parse(text).map_err(BenchError::Setting)
 }
 
 /// Changes one choice of a configuration.
@@ -127,11 +113,7 @@ pub fn parse(text: &str) -> Result<RenderConfig, BenchError> {
 /// # Errors
 /// A choice or a value that does not exist.
 pub fn change(config: &mut RenderConfig, name: &str, value: &str) -> Result<(), BenchError> {
-    let choice = Choice::named(name).ok_or_else(|| {
-        let names: Vec<_> = CHOICES.iter().map(|c| c.name).collect();
-        BenchError::Setting(format!("there is no choice '{name}'; there are: {}", names.join(", ")))
-    })?;
-    choice.set(config, value).map_err(|e| BenchError::Setting(format!("{name}: {e}")))
+    measurement::change(config, name, value).map_err(BenchError::Setting)
 }
 
 impl Sweep {

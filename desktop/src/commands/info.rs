@@ -2,7 +2,6 @@
 
 use std::fmt::Write as _;
 use std::io::Write as _;
-use std::path::PathBuf;
 
 use motes_app::opened::Opened;
 use motes_renderer::{Axis, Packing, Precision, ShPrecision};
@@ -11,12 +10,14 @@ use motes_scenes::{LoadOptions, Splats};
 
 use crate::commands::plan::{PlanArgs, PlanReport};
 use crate::error::CommandError;
+use crate::scene_args::SceneArgs;
 
 /// State what is in a scene: counts, bounds, histograms, settings, bytes
 #[derive(Clone, Debug, clap::Args)]
 pub struct InfoArgs {
-    /// Scene files or folders, merged (the sample, where none is named)
-    pub scenes: Vec<PathBuf>,
+    /// Which scenes
+    #[command(flatten)]
+    pub scenes: SceneArgs,
     /// Level of a streamed scene, 0 is the finest
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub level: u32,
@@ -58,7 +59,7 @@ fn on_device(splats: &Splats) -> Vec<OnDevice> {
 /// The scene cannot be read.
 pub fn run(args: &InfoArgs) -> Result<(), CommandError> {
     let options = LoadOptions { level: args.level, ..Default::default() };
-    let opened = Opened::load(&args.scenes, &options)?;
+    let opened = Opened::load(&args.scenes.paths(), &options)?;
     let statement = Statement::of(&opened.scene);
     let device = on_device(&opened.scene.splats);
     let plan = args.plan.plan.then(|| PlanReport::of(&opened.scene, &statement, &args.plan.overrides()));

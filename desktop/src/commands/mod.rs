@@ -3,6 +3,8 @@
 pub mod animate;
 pub mod bench;
 pub mod compare;
+pub mod device;
+pub mod digest;
 pub mod golden;
 pub mod info;
 pub mod plan;

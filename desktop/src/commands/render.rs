@@ -13,6 +13,7 @@ use crate::config_args::ConfigArgs;
 use crate::error::CommandError;
 use crate::heat::Heat;
 use crate::measure::Picture;
+use crate::scene_args::SceneArgs;
 use crate::shots::{Shot, ShotArgs};
 use crate::studio::{DeviceArgs, Studio, no_complaints, reference_pictures, side_by_side};
 use crate::video::{Animation, Footage, VideoArgs, is_animated};
@@ -20,8 +21,9 @@ use crate::video::{Animation, Footage, VideoArgs, is_animated};
 /// Render pictures of a scene into PNG files
 #[derive(Clone, Debug, clap::Args)]
 pub struct RenderArgs {
-    /// Scene files or folders, merged (the sample, where none is named)
-    pub scenes: Vec<PathBuf>,
+    /// Which scenes
+    #[command(flatten)]
+    pub scenes: SceneArgs,
     /// The picture, or the folder for several
     #[arg(short, long, value_name = "OUT")]
     pub output: PathBuf,
@@ -70,9 +72,10 @@ pub fn run(args: &RenderArgs) -> Result<(), CommandError> {
         return Err(CommandError::Usage(format!("--ipd is a distance in metres, not {}", args.ipd)));
     }
     let options = LoadOptions { level: args.level, ..Default::default() };
-    let frames = args.video.sequence(&args.scenes)?;
+    let scenes = args.scenes.paths();
+    let frames = args.video.sequence(&scenes)?;
     // A sequence stands as its first frame does.
-    let paths = frames.as_deref().map_or(args.scenes.as_slice(), |f| &f[..f.len().min(1)]);
+    let paths = frames.as_deref().map_or(scenes.as_slice(), |f| &f[..f.len().min(1)]);
     let mut opened = Opened::load(paths, &options)?;
     for warning in &opened.scene.report.warnings {
         eprintln!("{warning}");
@@ -88,11 +91,12 @@ pub fn run(args: &RenderArgs) -> Result<(), CommandError> {
     let mut footage = Footage::new(&mut opened, frames, &options, args.video.read_ahead)?;
     let gpu = if args.reference { None } else { Some(args.device.offscreen()?) };
     let mut studio: Option<(Arc<Splats>, Studio)> = None;
-    let mut animation = (args.video.times.is_some() && is_animated(&args.output))
+    let of_times = args.video.times().is_some();
+    let mut animation = (of_times && is_animated(&args.output))
         .then(|| Animation::new(&args.output, shots.len() as u32, args.video.fps));
     let trainers = args.config.preset() == Some("inria");
     for shot in &shots {
-        let config = at_time(&config, shot, args.config.names("time") && args.video.times.is_none());
+        let config = at_time(&config, shot, args.config.names("time") && !of_times);
         let views: Vec<View> = if args.stereo {
             eyes(&shot.view, args.ipd / opened.settings.scale).to_vec()
         } else {
@@ -145,8 +149,7 @@ pub fn run(args: &RenderArgs) -> Result<(), CommandError> {
 impl RenderArgs {
     /// Each shot at each time: as many pictures as times, of one view, or of as many views as times.
     fn at_times(&self, shots: Vec<Shot>) -> Result<Vec<Shot>, CommandError> {
-        let Some(times) = &self.video.times else { return Ok(shots) };
-        let times = &times.0;
+        let Some(times) = self.video.times() else { return Ok(shots) };
         if shots.len() != 1 && shots.len() != times.len() {
             let (views, times) = (shots.len(), times.len());
             let what =
@@ -170,7 +173,7 @@ fn at_time(config: &RenderConfig, shot: &Shot, given: bool) -> RenderConfig {
 
 /// Cameras' names may hold folders; they stay below the output folder.
 fn file_of(args: &RenderArgs, shot: &Shot) -> PathBuf {
-    let one = match &args.video.times {
+    let one = match args.video.times() {
         Some(_) => is_animated(&args.output),
         None => !args.shots.several(),
     };

@@ -3,10 +3,10 @@
 use std::path::PathBuf;
 
 use motes_app::governor::Budget;
-use motes_scenes::settings::Settings;
 
 use crate::config_args::ConfigArgs;
 use crate::error::CommandError;
+use crate::scene_args::SceneArgs;
 use crate::shots::Size;
 use crate::studio::DeviceArgs;
 use crate::window::{self, KEYS, WindowOptions};
@@ -15,8 +15,9 @@ use crate::window::{self, KEYS, WindowOptions};
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = format!("Keys:\n{KEYS}"))]
 pub struct ViewArgs {
-    /// Scene files or folders, merged (the sample, where none is named)
-    pub scenes: Vec<PathBuf>,
+    /// Which scenes
+    #[command(flatten)]
+    pub scenes: SceneArgs,
     /// Both eyes, side by side
     #[arg(long)]
     pub stereo: bool,
@@ -47,13 +48,9 @@ pub struct ViewArgs {
 /// # Errors
 /// There is no display or device, or a scene that was named is not there.
 pub fn run(args: &ViewArgs) -> Result<(), CommandError> {
-    for scene in &args.scenes {
-        // Said at once, rather than in a window.
-        std::fs::metadata(scene).map_err(CommandError::io(scene))?;
-        Settings::load(scene)?;
-    }
+    args.scenes.check()?;
     window::run(WindowOptions {
-        scenes: args.scenes.clone(),
+        scenes: args.scenes.paths(),
         config: args.config.config(),
         budget: args.budget,
         stereo: args.stereo,

@@ -6,19 +6,20 @@ use std::time::Duration;
 use motes_app::governor::Budget;
 use motes_app::headset::HeadsetSettings;
 use motes_renderer::{Lens, Packing, RenderConfig, pipeline_cache};
-use motes_scenes::settings::Settings;
 use motes_xr::bindings::Bindings;
 use motes_xr::{RuntimeOptions, SceneSource, SessionOptions, ShowError, ShowOptions, show};
 
 use crate::config_args::ConfigArgs;
 use crate::error::CommandError;
+use crate::scene_args::SceneArgs;
 use crate::window::{self, WindowOptions};
 
 /// Show scenes in a headset (any OpenXR runtime)
 #[derive(Clone, Debug, clap::Args)]
 pub struct XrArgs {
-    /// Scene files or folders, merged (the sample, where none is named)
-    pub scenes: Vec<PathBuf>,
+    /// Which scenes
+    #[command(flatten)]
+    pub scenes: SceneArgs,
     /// Comfort options and bindings (a JSON file; the defaults, where there is none)
     #[arg(long, value_name = "FILE")]
     pub settings: Option<PathBuf>,
@@ -34,6 +35,15 @@ pub struct XrArgs {
     /// How long a runtime that is lost in mid-session is waited for
     #[arg(long, value_name = "SECONDS", default_value_t = 60)]
     pub patience: u64,
+    /// A folder whose scenes the panel offers
+    #[arg(long, value_name = "FOLDER")]
+    pub folder: Option<PathBuf>,
+    /// A folder for what the panel's button Measure finds out, in the form of `motes bench`
+    #[arg(long, value_name = "FOLDER")]
+    pub measurements: Option<PathBuf>,
+    /// Write what the headset's device offers here, for `motes device`
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
     /// Fail where there is no headset, instead of opening a window
     #[arg(long)]
     pub no_window: bool,
@@ -69,11 +79,7 @@ pub enum Outcome {
 /// A scene or settings file cannot be used, or the runtime was lost for good; without a headset only where no window
 /// may stand in.
 pub fn run(args: &XrArgs) -> Result<Outcome, CommandError> {
-    for scene in &args.scenes {
-        // Said at once, rather than in the headset.
-        std::fs::metadata(scene).map_err(CommandError::io(scene))?;
-        Settings::load(scene)?;
-    }
+    args.scenes.check()?;
     let mut settings = match &args.settings {
         Some(file) => {
             std::fs::metadata(file).map_err(CommandError::io(file))?;
@@ -89,7 +95,7 @@ pub fn run(args: &XrArgs) -> Result<Outcome, CommandError> {
         return Err(CommandError::Usage(what));
     }
     let options = ShowOptions {
-        source: SceneSource::Files(args.scenes.clone()),
+        source: SceneSource::Files(args.scenes.paths()),
         packing: Packing::of_config(&config),
         comfort: settings.comfort,
         budget: args.budget.or(settings.budget),
@@ -105,6 +111,9 @@ pub fn run(args: &XrArgs) -> Result<Outcome, CommandError> {
         record: args.record.clone(),
         frames: args.frames,
         patience: Duration::from_secs(args.patience),
+        folder: args.folder.clone(),
+        measurements: args.measurements.clone(),
+        report: args.report.clone(),
     };
     match show(&(), &options, &mut || false) {
         Ok(visit) => {
@@ -126,7 +135,7 @@ pub fn run(args: &XrArgs) -> Result<Outcome, CommandError> {
 /// There is no display or device either.
 pub fn open_window(args: &XrArgs) -> Result<(), CommandError> {
     window::run(WindowOptions {
-        scenes: args.scenes.clone(),
+        scenes: args.scenes.paths(),
         config: args.config(),
         budget: args.budget,
         stereo: false,

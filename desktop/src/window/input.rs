@@ -4,6 +4,7 @@ use std::collections::HashSet;
 
 use glam::DVec3;
 use motes_app::eye::EyeMotion;
+use motes_app::time::TimeCommand;
 use motes_app::viewer::Command;
 use winit::event::{ElementState, MouseButton, MouseScrollDelta};
 use winit::keyboard::KeyCode;
@@ -18,11 +19,15 @@ C, Shift+C      next camera of the data set, the one before
 Home            first view
 V               both eyes side by side
 Space           stop or continue time
+, .             a frame back or on (Shift: a tenth of the scene)
+[ ]             half or twice the speed
+R, L            time backwards; at the ends loop, turn round or stop
 P               save a picture
 Tab             show or hide the panel
 Esc             quit
 gamepad         sticks move and turn, triggers down and up, A fly or orbit, B first view,
-                X picture, Y next camera, Start panel";
+                X picture, Y next camera, Start panel; cross: time stops or continues (up),
+                backwards (down), a frame back or on (left, right)";
 
 /// What is pressed.
 #[derive(Debug, Default)]
@@ -50,7 +55,8 @@ impl Input {
             return None;
         }
         self.keys.insert(code);
-        if repeat {
+        // Frames go on as long as their key is held.
+        if repeat && !matches!(code, KeyCode::Comma | KeyCode::Period) {
             return None;
         }
         Some(match code {
@@ -59,7 +65,15 @@ impl Input {
             KeyCode::KeyC => Command::NextCamera,
             KeyCode::Home => Command::Reset,
             KeyCode::KeyV => Command::SwitchStereo,
-            KeyCode::Space => Command::SwitchPlay,
+            KeyCode::Space => Command::Time(TimeCommand::Toggle),
+            KeyCode::Comma if self.shift() => Command::Time(TimeCommand::Jump(-0.1)),
+            KeyCode::Comma => Command::Time(TimeCommand::Step(-1)),
+            KeyCode::Period if self.shift() => Command::Time(TimeCommand::Jump(0.1)),
+            KeyCode::Period => Command::Time(TimeCommand::Step(1)),
+            KeyCode::BracketLeft => Command::Time(TimeCommand::Slower),
+            KeyCode::BracketRight => Command::Time(TimeCommand::Faster),
+            KeyCode::KeyR => Command::Time(TimeCommand::Reverse),
+            KeyCode::KeyL => Command::Time(TimeCommand::NextRepeat),
             KeyCode::KeyP => Command::Screenshot,
             KeyCode::Tab => Command::SwitchPanel,
             KeyCode::Escape => Command::Quit,
@@ -173,6 +187,10 @@ impl Gamepads {
                     gilrs::Button::West => Some(Command::Screenshot),
                     gilrs::Button::North => Some(Command::NextCamera),
                     gilrs::Button::Start => Some(Command::SwitchPanel),
+                    gilrs::Button::DPadUp => Some(Command::Time(TimeCommand::Toggle)),
+                    gilrs::Button::DPadDown => Some(Command::Time(TimeCommand::Reverse)),
+                    gilrs::Button::DPadLeft => Some(Command::Time(TimeCommand::Step(-1))),
+                    gilrs::Button::DPadRight => Some(Command::Time(TimeCommand::Step(1))),
                     _ => None,
                 });
             }
@@ -217,6 +235,9 @@ mod tests {
         input.key(KeyCode::ShiftLeft, ElementState::Released, false);
         assert_eq!(input.key(KeyCode::KeyC, ElementState::Pressed, false), Some(Command::NextCamera));
         assert_eq!(input.key(KeyCode::KeyC, ElementState::Pressed, true), None, "a held key is pressed once");
+        let step = Some(Command::Time(TimeCommand::Step(1)));
+        assert_eq!(input.key(KeyCode::Period, ElementState::Pressed, false), step);
+        assert_eq!(input.key(KeyCode::Period, ElementState::Pressed, true), step, "frames go on");
     }
 
     #[test]

@@ -193,7 +193,7 @@ impl Screen {
             Some(offscreen) => offscreen,
             none => none.insert(Offscreen::new(&self.gpu)?),
         };
-        let (pictures, _) = offscreen.render(&stage.scene, &views, &config)?;
+        let (pictures, _) = offscreen.render(stage.shown(), &views, &config)?;
         side_by_side(&pictures.iter().map(picture_of).collect::<Result<Vec<_>, _>>()?)
     }
 }

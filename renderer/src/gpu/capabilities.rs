@@ -4,7 +4,7 @@ use ash::vk;
 use std::ffi::CStr;
 
 /// What the chosen device offers beyond the least that Motes needs.
-#[derive(Clone, Debug, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Capabilities {
     /// The device's name.
     pub device: String,

@@ -2,10 +2,12 @@
 
 mod capabilities;
 mod device;
+mod device_report;
 mod error;
 mod memory;
 
 pub use capabilities::Capabilities;
 pub use device::{Bootstrap, Gpu, GpuOptions, Plain};
+pub use device_report::{DeviceReport, Finding};
 pub use error::GpuError;
 pub use memory::{Buffer, Image, ImageDescription};
