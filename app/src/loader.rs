@@ -51,7 +51,9 @@ pub struct Loader {
 }
 
 fn tell(progress: &Mutex<Loading>, what: String, fraction: f32) {
-    *progress.lock().unwrap_or_else(PoisonError::into_inner) = Loading { what, fraction };
+    let mut progress = progress.lock().unwrap_or_else(PoisonError::into_inner);
+    // Threads that read at once may tell out of turn.
+    *progress = Loading { what, fraction: progress.fraction.max(fraction) };
 }
 
 impl Loader {
