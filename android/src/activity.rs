@@ -7,7 +7,9 @@ use std::time::Duration;
 
 use android_activity::{AndroidApp, MainEvent, PollEvent};
 use motes_app::headset::HeadsetSettings;
-use motes_renderer::{Packing, RenderConfig};
+use motes_app::loader::Storage;
+use motes_renderer::RenderConfig;
+use motes_renderer::plan::Overrides;
 use motes_scenes::sample;
 use motes_xr::bindings::Bindings;
 use motes_xr::{
@@ -58,7 +60,8 @@ fn visit(app: &AndroidApp) -> Result<Visit, ShowError> {
         source: SceneSource::Files(
             scenes.as_deref().map(scenes_in).unwrap_or_default().into_iter().take(1).collect(),
         ),
-        packing: Packing::of_config(&config),
+        // What a scene calls for, and no more: memory and bandwidth are short here.
+        storage: Storage::Planned(Overrides::default()),
         comfort: settings.comfort,
         budget: settings.budget,
         pipelines: app.internal_data_path().map(|folder| folder.join("pipelines")),

@@ -6,7 +6,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 
 use motes_renderer::gpu::{Gpu, GpuError};
+use motes_renderer::plan::{Overrides, Plan};
 use motes_renderer::{Packing, SceneOnDevice};
+use motes_scenes::statement::Statement;
 use motes_scenes::{CancelToken, LoadOptions, SceneError};
 
 use crate::opened::{Opened, name_of};
@@ -25,12 +27,37 @@ pub enum LoadError {
     Thread(String),
 }
 
+/// How a scene is to be stored on the device.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Storage {
+    /// So.
+    As(Packing),
+    /// As the scene calls for, but for what is asked for.
+    Planned(Overrides),
+}
+
+impl Storage {
+    /// The packing of a scene, and the plan that it follows from.
+    pub fn of(self, opened: &Opened) -> (Packing, Option<Plan>) {
+        match self {
+            Self::As(packing) => (packing, None),
+            Self::Planned(overrides) => {
+                let plan = Plan::of(&Statement::of(&opened.scene), &overrides);
+                log::info!("{} by plan:\n{plan}", opened.name);
+                (plan.packing, Some(plan))
+            }
+        }
+    }
+}
+
 /// A scene that is ready to be drawn.
 pub struct Loaded {
     /// The scene in memory.
     pub opened: Arc<Opened>,
     /// The scene on the device.
     pub scene: SceneOnDevice,
+    /// The plan by which it is stored, where there is one.
+    pub plan: Option<Plan>,
 }
 
 /// How far loading is.
@@ -61,8 +88,8 @@ impl Loader {
     ///
     /// # Errors
     /// The system gives no thread.
-    pub fn open(gpu: &Arc<Gpu>, paths: Vec<PathBuf>, packing: Packing) -> Result<Self, LoadError> {
-        Self::start(gpu, packing, move |progress, cancel| {
+    pub fn open(gpu: &Arc<Gpu>, paths: Vec<PathBuf>, storage: Storage) -> Result<Self, LoadError> {
+        Self::start(gpu, storage, move |progress, cancel| {
             let shown = progress.clone();
             let options = LoadOptions {
                 cancel,
@@ -83,12 +110,12 @@ impl Loader {
     /// # Errors
     /// The system gives no thread.
     pub fn pack(gpu: &Arc<Gpu>, opened: Arc<Opened>, packing: Packing) -> Result<Self, LoadError> {
-        Self::start(gpu, packing, move |_, _| Ok(opened))
+        Self::start(gpu, Storage::As(packing), move |_, _| Ok(opened))
     }
 
     fn start(
         gpu: &Arc<Gpu>,
-        packing: Packing,
+        storage: Storage,
         open: impl FnOnce(&Arc<Mutex<Loading>>, CancelToken) -> Result<Arc<Opened>, SceneError> + Send + 'static,
     ) -> Result<Self, LoadError> {
         let progress = Arc::new(Mutex::new(Loading { what: "opening".into(), fraction: 0.0 }));
@@ -101,8 +128,9 @@ impl Loader {
                 let load = || {
                     let opened = open(&shown, token)?;
                     tell(&shown, format!("uploading {}", opened.name), 1.0);
+                    let (packing, plan) = storage.of(&opened);
                     let scene = SceneOnDevice::new(&gpu, &opened.scene.splats, packing)?;
-                    Ok(Loaded { opened, scene })
+                    Ok(Loaded { opened, scene, plan })
                 };
                 // Nobody waits any more where it is not taken; it is dropped then.
                 let _ = sender.send(load());

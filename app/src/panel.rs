@@ -23,6 +23,15 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer, figures: &Figures, device: &str) -
         if viewer.stage.is_some() {
             CollapsingHeader::new("Scene").show(ui, |ui| scene(ui, viewer));
         }
+        if let Some(plan) = viewer.stage.as_ref().and_then(|s| s.plan.as_ref()) {
+            CollapsingHeader::new("Plan").show(ui, |ui| {
+                for d in &plan.decisions {
+                    let (name, on) = (d.topic.name(), if d.on { "on" } else { "off" });
+                    ui.label(format!("{name} {on}: {}", d.choice)).on_hover_text(&d.reason);
+                }
+                ui.label(format!("{} bytes a splat", plan.bytes_per_splat()));
+            });
+        }
         CollapsingHeader::new("Rendering")
             .default_open(true)
             .show(ui, |ui| rendering(ui, &mut viewer.config));

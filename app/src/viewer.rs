@@ -8,13 +8,14 @@ use std::time::Duration;
 use glam::DVec3;
 use motes_renderer::gpu::Gpu;
 use motes_renderer::order::{OrderRequest, SortWorker, SplatOrder};
+use motes_renderer::plan::{Overrides, Plan};
 use motes_renderer::{FrameReport, Packing, RenderConfig, SceneOnDevice, Sorter, Upscale, View};
 use motes_scenes::settings::Settings;
 
 use crate::eye::{Eye, EyeMode, EyeMotion};
 use crate::framing::Framing;
 use crate::governor::Governor;
-use crate::loader::{LoadError, Loaded, Loader, Loading};
+use crate::loader::{LoadError, Loaded, Loader, Loading, Storage};
 use crate::opened::Opened;
 use crate::sequence::{BUDGET, SequenceOnDevice};
 use crate::time::{TimeCommand, TimeControl};
@@ -56,6 +57,8 @@ pub struct Stage {
     pub framing: Framing,
     /// The data set's camera that was taken last.
     pub camera: Option<usize>,
+    /// What it calls for, where it was loaded by plan.
+    pub plan: Option<Plan>,
     sorting: SortWorker,
 }
 
@@ -80,6 +83,8 @@ pub struct Viewer {
     pub config: RenderConfig,
     /// Holds a budget by drawing less exactly than `config` says, where there is one.
     pub governor: Option<Governor>,
+    /// Scenes are loaded and drawn by plan, but for what is asked for here.
+    pub by_plan: Option<Overrides>,
     /// From where.
     pub eye: Eye,
     /// Both eyes.
@@ -114,6 +119,7 @@ impl Viewer {
         Self {
             config,
             governor: None,
+            by_plan: None,
             eye: Eye::of(&framing, EyeMode::Orbit, VERTICAL_FOV),
             stereo: false,
             eye_distance: 0.063,
@@ -132,7 +138,9 @@ impl Viewer {
     /// Begins to open scenes; what is being loaded already is dropped. The scene on show stays until the new one is
     /// there.
     pub fn open(&mut self, paths: Vec<PathBuf>) {
-        let loader = Loader::open(&self.gpu, paths, Packing::of_config(&self.config));
+        let storage =
+            self.by_plan.map_or_else(|| Storage::As(Packing::of_config(&self.config)), Storage::Planned);
+        let loader = Loader::open(&self.gpu, paths, storage);
         self.load(loader);
     }
 
@@ -193,7 +201,7 @@ impl Viewer {
     }
 
     fn show(&mut self, loaded: Loaded) -> Result<Option<Stage>, LoadError> {
-        let Loaded { opened, scene } = loaded;
+        let Loaded { opened, scene, plan } = loaded;
         let same = self.stage.as_ref().is_some_and(|s| Arc::ptr_eq(&s.opened, &opened));
         let sorting =
             SortWorker::new(scene.positions.clone()).map_err(|e| LoadError::Thread(e.to_string()))?;
@@ -206,15 +214,18 @@ impl Viewer {
         };
         if let (true, Some(stage)) = (same, &mut self.stage) {
             let settings = stage.settings.clone();
-            let (framing, camera) = (stage.framing, stage.camera);
-            let stage = Stage { opened, settings, scene, sequence, framing, camera, sorting };
+            let (framing, camera, plan) = (stage.framing, stage.camera, stage.plan.clone());
+            let stage = Stage { opened, settings, scene, sequence, framing, camera, plan, sorting };
             return Ok(self.stage.replace(stage));
         }
         let settings = opened.settings.clone();
         let framing = Framing::of(&opened.scene.splats, &settings);
         self.message = opened.scene.report.warnings.first().cloned();
         self.time = sequence.as_ref().map_or_else(TimeControl::default, |(s, _)| s.time_control());
-        let stage = Stage { opened, settings, scene, sequence, framing, camera: None, sorting };
+        if let Some(plan) = &plan {
+            self.config = plan.apply(&self.config);
+        }
+        let stage = Stage { opened, settings, scene, sequence, framing, camera: None, plan, sorting };
         let before = self.stage.replace(stage);
         self.eye = Eye::of(&framing, self.eye.mode, VERTICAL_FOV);
         self.reset();

@@ -1,8 +1,9 @@
 //! The render configuration on the command line, generated from [`CHOICES`]: an option per field, and presets.
 
 use clap::builder::{PossibleValue, PossibleValuesParser};
-use clap::{Arg, ArgMatches, Command};
+use clap::{Arg, ArgAction, ArgMatches, Command};
 use motes_app::quality::{Quality, Table};
+use motes_renderer::plan::Overrides;
 use motes_renderer::{CHOICES, Choice, Kind, PRESETS, RenderConfig};
 
 /// What was said about how to draw.
@@ -10,6 +11,7 @@ use motes_renderer::{CHOICES, Choice, Kind, PRESETS, RenderConfig};
 pub struct ConfigArgs {
     preset: Option<String>,
     quality: Option<RenderConfig>,
+    by_plan: bool,
     /// Names and values, valid each.
     given: Vec<(&'static str, String)>,
 }
@@ -29,6 +31,17 @@ impl ConfigArgs {
             }
         }
         config
+    }
+
+    /// What goes before the scene's plan, where scenes are drawn by plan.
+    pub fn by_plan(&self) -> Option<Overrides> {
+        let config = self.config();
+        self.by_plan.then(|| Overrides {
+            sh_degree: self.names("sh-degree").then_some(config.sh_degree),
+            sh_precision: self.names("sh-precision").then_some(config.sh_precision),
+            precision: self.names("precision").then_some(config.precision),
+            projection: self.names("projection").then_some(config.projection),
+        })
     }
 
     /// The preset's name, where one was given.
@@ -53,7 +66,7 @@ impl clap::FromArgMatches for ConfigArgs {
         let text = |name: &str| matches.get_one::<String>(name).cloned();
         let given = CHOICES.iter().filter_map(|c| Some((c.name, text(c.name)?))).collect();
         let quality = matches.get_one::<RenderConfig>("quality").cloned();
-        Ok(Self { preset: text("preset"), quality, given })
+        Ok(Self { preset: text("preset"), quality, by_plan: matches.get_flag("by-plan"), given })
     }
 
     fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
@@ -77,7 +90,12 @@ impl clap::Args for ConfigArgs {
             .conflicts_with("preset")
             .value_parser(quality)
             .help("The cheapest way that came so close on every scene that was measured (motes bench)");
-        let mut arguments = vec![preset, quality];
+        let by_plan = Arg::new("by-plan")
+            .long("by-plan")
+            .action(ArgAction::SetTrue)
+            .conflicts_with_all(["preset", "quality"])
+            .help("Only the effects that the scene calls for (motes info --plan); options override them");
+        let mut arguments = vec![preset, quality, by_plan];
         for choice in CHOICES {
             let argument = Arg::new(choice.name).long(choice.name).help(choice.about);
             arguments.push(match choice.kind {
@@ -149,6 +167,22 @@ mod tests {
         for line in ["--quality best", "--quality 0", "--quality fast --preset inria"] {
             assert!(parse(line).is_err(), "{line}");
         }
+    }
+
+    #[test]
+    fn options_go_before_the_plan() {
+        let line = |text: &str| {
+            Line::try_parse_from(std::iter::once("motes").chain(text.split_whitespace())).map(|l| l.config)
+        };
+        assert_eq!(line("--precision f16").unwrap().by_plan(), None);
+        let overrides = line("--by-plan --sh-degree 1 --projection exact").unwrap().by_plan().unwrap();
+        let expected = Overrides {
+            sh_degree: Some(1),
+            projection: Some(motes_renderer::Projection::Exact),
+            ..Default::default()
+        };
+        assert_eq!(overrides, expected);
+        assert!(line("--by-plan --preset inria").is_err() && line("--by-plan --quality fast").is_err());
     }
 
     #[test]

@@ -89,6 +89,8 @@ pub(crate) struct Passes {
     cache: vk::PipelineCache,
     /// Where the cache is kept on disk.
     kept_in: Option<PathBuf>,
+    /// Pipelines that there were when it was last written.
+    saved: usize,
     passes: HashMap<PassKey, vk::RenderPass>,
     pipelines: HashMap<PipelineKey, vk::Pipeline>,
 }
@@ -104,6 +106,7 @@ impl Passes {
             layout: vk::PipelineLayout::null(),
             cache: vk::PipelineCache::null(),
             kept_in: None,
+            saved: 0,
             passes: HashMap::new(),
             pipelines: HashMap::new(),
         };
@@ -176,6 +179,16 @@ impl Passes {
         }
         self.kept_in = Some(folder.to_owned());
         Ok(kept)
+    }
+
+    /// Writes the cache where it is kept, if pipelines were made since it was read or written.
+    pub fn save(&mut self) {
+        if let Some(folder) = &self.kept_in
+            && self.saved != self.pipelines.len()
+        {
+            pipeline_cache::store(&self.gpu, folder, self.cache);
+            self.saved = self.pipelines.len();
+        }
     }
 
     /// The cache that pipelines are made with.

@@ -55,6 +55,16 @@ fn pipelines_are_kept_and_damaged_files_are_announced_and_replaced() {
         let (kept, _) = frame();
         assert!(matches!(kept, Kept::Pipelines(_)), "{what} is not replaced: {kept:?}");
     }
+    // A program that may be ended at any time writes them before it goes.
+    fs::remove_file(&file).unwrap();
+    let mut offscreen = Offscreen::new(&gpu).unwrap();
+    offscreen.renderer().keep_pipelines(&folder.0).unwrap();
+    offscreen.renderer().save_pipelines();
+    assert!(!file.exists(), "there is nothing to write yet");
+    offscreen.render(&scene, &[view], &RenderConfig::default()).unwrap();
+    offscreen.renderer().save_pipelines();
+    assert!(fs::read(&file).unwrap().len() >= 32);
+    drop(offscreen);
     // A folder that cannot be made is no reason to stop.
     let nowhere = folder.0.join("file");
     fs::write(&nowhere, b"in the way").unwrap();

@@ -8,6 +8,7 @@ use glam::DVec3;
 use motes_app::eye::{EyeMode, EyeMotion};
 use motes_app::governor::{Budget, Governor, LADDER};
 use motes_app::viewer::{Command, Viewer};
+use motes_renderer::plan::Overrides;
 use motes_renderer::{Fov, Offscreen, PRESETS, Packing, Precision, RenderConfig, SceneOnDevice, View};
 use motes_scenes::synthetic::Recipe;
 use motes_tests::{TestGpu, sample};
@@ -138,4 +139,25 @@ fn the_governor_holds_its_budget_and_gives_back_what_it_took() {
         }
     }
     assert_eq!(draw(&governor.apply(&config)).0, as_asked, "what was taken came back");
+}
+
+/// A plain scene is loaded by its plan, and one with harmonics that comes after it gets them back.
+#[test]
+fn scenes_are_loaded_by_their_plans() {
+    let gpu = TestGpu::new();
+    let mut viewer = Viewer::new(&gpu, RenderConfig::default());
+    viewer.by_plan = Some(Overrides::default());
+    viewer.open(vec![sample("static/hq_garden_lod2")]);
+    until(&mut viewer, |v| v.stage.is_some());
+    let stage = viewer.stage.as_ref().unwrap();
+    let stored = (stage.scene.packing.precision, stage.scene.packing.sh_degree);
+    assert_eq!(stored, (Precision::F16, 0));
+    assert_eq!(stage.scene.bytes(), 32 * u64::from(stage.scene.splats));
+    assert_eq!((viewer.config.precision, viewer.config.sh_degree), stored);
+    assert!(viewer.loading().is_none(), "nothing is packed anew");
+    viewer.open(vec![sample("static/skull_sh3.compressed.ply")]);
+    until(&mut viewer, |v| v.stage.as_ref().is_some_and(|s| s.opened.name.contains("skull")));
+    let stage = viewer.stage.as_ref().unwrap();
+    assert_eq!((stage.scene.packing.sh_degree, viewer.config.sh_degree), (3, 3));
+    assert_eq!(stage.scene.bytes(), 80 * u64::from(stage.scene.splats));
 }

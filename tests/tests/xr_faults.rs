@@ -3,6 +3,7 @@
 
 use clap::Parser;
 use motes_app::headset::Comfort;
+use motes_app::loader::Storage;
 use motes_app::opened::Opened;
 use motes_desktop::commands::xr::{Outcome, XrArgs, run};
 use motes_renderer::{Packing, Precision, RenderConfig, ShPrecision};
@@ -102,7 +103,7 @@ fn a_runtime_that_comes_back_is_used_again() {
         log_to_stderr();
         let options = ShowOptions {
             source: SceneSource::Files(vec![sample("static/fruit_drops_minimal.ply")]),
-            packing: PACKING,
+            storage: Storage::As(PACKING),
             config: RenderConfig::default(),
             comfort: Comfort::default(),
             budget: None,

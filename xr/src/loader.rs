@@ -1,9 +1,10 @@
 //! Loading on a thread of its own: the headset never waits for a file.
 
 use crate::{Content, XrError};
+use motes_app::loader::Storage;
 use motes_app::opened::Opened;
-use motes_renderer::Packing;
 use motes_renderer::gpu::Gpu;
+use motes_renderer::plan::Plan;
 use motes_scenes::{CancelToken, LoadOptions, SceneError};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -31,6 +32,8 @@ pub struct Loaded {
     pub content: Content,
     /// In memory.
     pub opened: Arc<Opened>,
+    /// The plan by which it is stored, where there is one.
+    pub plan: Option<Plan>,
 }
 
 /// Reads scenes and brings them to the device, while frames go on.
@@ -56,7 +59,7 @@ impl Loader {
     ///
     /// # Errors
     /// The system gives no thread.
-    pub fn start(gpu: &Arc<Gpu>, source: SceneSource, packing: Packing) -> Result<Self, XrError> {
+    pub fn start(gpu: &Arc<Gpu>, source: SceneSource, storage: Storage) -> Result<Self, XrError> {
         let (outbox, result) = channel();
         let progress = Arc::new(AtomicU32::new(0));
         let cancel = CancelToken::default();
@@ -76,7 +79,8 @@ impl Loader {
                     SceneSource::Files(paths) => Arc::new(Opened::load_to_play(&paths, &options)?),
                     SceneSource::Memory(opened) => opened,
                 };
-                Ok(Loaded { content: Content::new(&gpu, &opened, packing)?, opened })
+                let (packing, plan) = storage.of(&opened);
+                Ok(Loaded { content: Content::new(&gpu, &opened, packing)?, opened, plan })
             };
             // Who no longer wants it does not listen.
             let _ = outbox.send(load());

@@ -7,9 +7,10 @@ use crate::{
 };
 use motes_app::governor::{Budget, Governor};
 use motes_app::headset::Comfort;
+use motes_app::loader::Storage;
 use motes_app::opened::name_of;
+use motes_renderer::RenderConfig;
 use motes_renderer::gpu::DeviceReport;
-use motes_renderer::{Packing, RenderConfig};
 use motes_scenes::{Format, looks_like_sequence};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -19,8 +20,8 @@ use std::time::{Duration, Instant};
 pub struct ShowOptions {
     /// The scene.
     pub source: SceneSource,
-    /// How it is stored on the device.
-    pub packing: Packing,
+    /// How it is stored on the device. By plan, what the scene calls for goes before `config`.
+    pub storage: Storage,
     /// How it is drawn; `near` and `near_fade` in metres.
     pub config: RenderConfig,
     /// Comfort options.
@@ -212,7 +213,7 @@ fn run(
     visit: &mut Visit,
     leave: Pump<'_>,
 ) -> Result<SessionState, ShowError> {
-    let mut loading = Some(Loader::start(headset.gpu(), options.source.clone(), options.packing)?);
+    let mut loading = Some(Loader::start(headset.gpu(), options.source.clone(), options.storage)?);
     let mut viewer = Viewer::new(headset, options.config.clone(), options.comfort)?;
     if let Some(folder) = &options.pipelines {
         viewer.keep_pipelines(folder)?;
@@ -234,6 +235,9 @@ fn run(
                     }
                     log::info!("{}: {} splats", loaded.opened.name, loaded.opened.scene.splats.len());
                     options.source = SceneSource::Memory(loaded.opened);
+                    if let Some(plan) = &loaded.plan {
+                        viewer.config = plan.apply(&viewer.config);
+                    }
                     viewer.show(loaded.content)?;
                 }
                 // Another scene can be chosen: the user is told, and what was shown stays.
@@ -252,7 +256,7 @@ fn run(
             if let Some(scene) = viewer.chosen().and_then(|i| shelf.scenes.get(i)) {
                 log::info!("opening {}", scene.display());
                 let source = SceneSource::Files(vec![scene.clone()]);
-                loading = Some(Loader::start(headset.gpu(), source, options.packing)?);
+                loading = Some(Loader::start(headset.gpu(), source, options.storage)?);
             }
         }
         let ended = viewer.step(headset)?;

@@ -280,7 +280,11 @@ impl Viewer {
     /// The runtime or the device was lost, or a choice that the device does not allow.
     pub fn step(&mut self, headset: &mut dyn Headset) -> Result<Option<SessionState>, XrError> {
         match headset.next()? {
-            Step::Waiting(_) => Ok(None),
+            Step::Waiting(_) => {
+                // The system may end the program at any time now: what was made is kept.
+                self.renderer.save_pipelines();
+                Ok(None)
+            }
             Step::Ended(state) => Ok(Some(state)),
             Step::Frame(frame) => {
                 self.frame(headset, &frame)?;

@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 
 use motes_app::opened::Opened;
 use motes_app::viewer::{eyes, in_scene_units};
+use motes_renderer::plan::Plan;
 use motes_renderer::{FrameReport, Lens, RenderConfig, View};
+use motes_scenes::statement::Statement;
 use motes_scenes::{LoadOptions, Splats};
 use std::sync::Arc;
 
@@ -87,7 +89,11 @@ pub fn run(args: &RenderArgs) -> Result<(), CommandError> {
         return Err(CommandError::Usage(what.into()));
     }
     let shots = args.at_times(args.shots.shots(&opened, chosen.lens)?)?;
-    let config = in_scene_units(&chosen, opened.settings.scale);
+    let planned = match args.config.by_plan() {
+        Some(overrides) => Plan::of(&Statement::of(&opened.scene), &overrides).apply(&chosen),
+        None => chosen,
+    };
+    let config = in_scene_units(&planned, opened.settings.scale);
     let mut footage = Footage::new(&mut opened, frames, &options, args.video.read_ahead)?;
     let gpu = if args.reference { None } else { Some(args.device.offscreen()?) };
     let mut studio: Option<(Arc<Splats>, Studio)> = None;

@@ -52,6 +52,7 @@ pub fn run(args: &ViewArgs) -> Result<(), CommandError> {
     window::run(WindowOptions {
         scenes: args.scenes.paths(),
         config: args.config.config(),
+        by_plan: args.config.by_plan(),
         budget: args.budget,
         stereo: args.stereo,
         panel: !args.no_panel,

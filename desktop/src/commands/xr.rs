@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use motes_app::governor::Budget;
 use motes_app::headset::HeadsetSettings;
+use motes_app::loader::Storage;
 use motes_renderer::{Lens, Packing, RenderConfig, pipeline_cache};
 use motes_xr::bindings::Bindings;
 use motes_xr::{RuntimeOptions, SceneSource, SessionOptions, ShowError, ShowOptions, show};
@@ -96,7 +97,10 @@ pub fn run(args: &XrArgs) -> Result<Outcome, CommandError> {
     }
     let options = ShowOptions {
         source: SceneSource::Files(args.scenes.paths()),
-        packing: Packing::of_config(&config),
+        storage: match args.config.by_plan() {
+            Some(overrides) => Storage::Planned(overrides),
+            None => Storage::As(Packing::of_config(&config)),
+        },
         comfort: settings.comfort,
         budget: args.budget.or(settings.budget),
         pipelines: pipeline_cache::default_folder(),
@@ -137,6 +141,7 @@ pub fn open_window(args: &XrArgs) -> Result<(), CommandError> {
     window::run(WindowOptions {
         scenes: args.scenes.paths(),
         config: args.config(),
+        by_plan: args.config.by_plan(),
         budget: args.budget,
         stereo: false,
         panel: true,

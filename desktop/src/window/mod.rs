@@ -12,6 +12,7 @@ use motes_app::governor::{Budget, Governor};
 use motes_app::viewer::{Command, Viewer};
 use motes_renderer::RenderConfig;
 use motes_renderer::gpu::{Gpu, GpuOptions, Plain};
+use motes_renderer::plan::Overrides;
 use winit::application::ApplicationHandler;
 use winit::event::{ElementState, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop};
@@ -33,6 +34,8 @@ pub struct WindowOptions {
     pub scenes: Vec<PathBuf>,
     /// How frames are drawn.
     pub config: RenderConfig,
+    /// Scenes are drawn by plan, but for what is asked for here.
+    pub by_plan: Option<Overrides>,
     /// What a frame may take; nothing is held without.
     pub budget: Option<Budget>,
     /// Both eyes side by side.
@@ -181,6 +184,7 @@ impl Open {
         let mut viewer = Viewer::new(&gpu, options.config.clone());
         viewer.stereo = options.stereo;
         viewer.panel = options.panel;
+        viewer.by_plan = options.by_plan;
         viewer.governor = options.budget.map(Governor::new);
         viewer.open(options.scenes.clone());
         let now = Instant::now();

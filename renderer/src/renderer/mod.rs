@@ -231,6 +231,12 @@ impl Renderer {
         self.passes.keep_in(folder)
     }
 
+    /// Writes the pipelines that were made since to the folder of [`Renderer::keep_pipelines`], where there is one: for
+    /// programs that may be ended before the renderer goes.
+    pub fn save_pipelines(&mut self) {
+        self.passes.save();
+    }
+
     /// Begins a frame; waits until the frame before the last is done.
     ///
     /// # Errors
