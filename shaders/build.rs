@@ -47,6 +47,8 @@ const SHADERS: &[(&str, &str, &[&str])] = &[
     ("SPLAT_FRAG_COUNT", "splat.frag", &["COUNT"]),
     ("SPLAT_FRAG_EXACT_COUNT", "splat.frag", &["EXACT", "COUNT"]),
     ("FULLSCREEN_VERT", "fullscreen.vert", &[]),
+    ("MARK_VERT", "mark.vert", &[]),
+    ("MARK_VERT_MULTIVIEW", "mark.vert", &["MULTIVIEW"]),
     ("MARK_FRAG", "mark.frag", &[]),
     ("RESOLVE_FRAG", "resolve.frag", &[]),
     ("UPSCALE_BILINEAR_FRAG", "upscale.frag", &[]),

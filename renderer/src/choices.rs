@@ -2,7 +2,7 @@
 //! prints. A new field is one line in [`CHOICES`].
 
 use crate::config::{
-    Axis, Composite, Expansion, KeyBits, Lens, LowPass, OrderKey, Precision, Projection, QuadShape,
+    Axis, Composite, Expansion, KeyBits, Lens, LowPass, Marks, OrderKey, Precision, Projection, QuadShape,
     RadiusRule, RenderConfig, ShPrecision, Sorter, TargetFormat, TimeCull, Upscale,
 };
 
@@ -157,7 +157,8 @@ pub const CHOICES: &[Choice] = &[
     choice!(samples, "samples", Kind::Whole(1, 4096), "Stochastic: frames that a picture is averaged from"),
     choice!(time_cull: TimeCull, "Which splats of a moving scene a frame looks at"),
     choice!(composite: Composite, "In which direction splats are blended"),
-    choice!(batches, "batches", Kind::Whole(2, 32), "Early stop: batches per frame"),
+    choice!(batches, "batches", Kind::Whole(2, 128), "Early stop: batches per frame"),
+    choice!(marks, "marks", Kind::Names(names::<Marks>), "Early stop: where saturated pixels are looked for"),
     choice!(
         stop_below,
         "stop-below",

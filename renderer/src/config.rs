@@ -121,8 +121,20 @@ axis!(
         Diamond = "diamond",
         /// Rectangle along the screen's axes.
         AxisAligned = "axis-aligned",
+        /// Octagons, but squares for splats of less than 6 pixels' radius: 2 triangles instead of 6.
+        Fitted = "fitted",
     }
 );
+
+impl QuadShape {
+    /// Corners of a splat's polygon.
+    pub fn corners(self) -> u32 {
+        match self {
+            Self::Octagon | Self::Fitted => 8,
+            Self::Square | Self::Diamond | Self::AxisAligned => 4,
+        }
+    }
+}
 
 axis!(
     /// How far a splat's polygon reaches, in standard deviations.
@@ -196,6 +208,16 @@ axis!(
         BackToFront = "back-to-front",
         /// Front to back, every layer.
         FrontToBack = "front-to-back",
+    }
+);
+
+axis!(
+    /// Where early stop looks for saturated pixels between batches.
+    Marks = "marks" {
+        /// In the tiles that are predicted to fill up (precomputed expansion; the others know of none and look everywhere).
+        Due = "due",
+        /// Everywhere.
+        Everywhere = "everywhere",
     }
 );
 
@@ -284,8 +306,10 @@ pub struct RenderConfig {
     pub time_cull: TimeCull,
     /// The direction of blending.
     pub composite: Composite,
-    /// Early stop: batches per frame, `2 ..= 32`.
+    /// Early stop: batches per frame, `2 ..= 128`.
     pub batches: u32,
+    /// Early stop: where saturated pixels are looked for between batches.
+    pub marks: Marks,
     /// Transmittance below which a pixel counts as opaque: it is shown so, and early stop finishes it. 0: never.
     pub stop_below: f32,
     /// Storage of geometry on the device.
@@ -335,6 +359,7 @@ impl Default for RenderConfig {
             time_cull: TimeCull::Index,
             composite: Composite::EarlyStop,
             batches: 16,
+            marks: Marks::Due,
             stop_below: 1.0 / 255.0,
             precision: Precision::F32,
             sh_precision: ShPrecision::F32,
@@ -464,6 +489,13 @@ impl RenderConfig {
             return Ok(());
         };
         Err(ConfigError(format!("lens {}: {reason}", self.lens)))
+    }
+
+    /// Whether early stop looks for saturated pixels in predicted tiles only.
+    pub(crate) fn marks_due(&self) -> bool {
+        self.composite == Composite::EarlyStop
+            && self.marks == Marks::Due
+            && self.expansion == Expansion::Precomputed
     }
 
     fn check_stochastic(&self) -> Result<(), ConfigError> {

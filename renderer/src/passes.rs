@@ -52,7 +52,10 @@ pub(crate) enum Stages {
 /// The passes over a whole image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum FullScreen {
+    /// Marks saturated pixels everywhere.
     Mark,
+    /// Marks them in a list of tiles.
+    MarkTiles,
     Resolve,
 }
 
@@ -137,6 +140,7 @@ impl Passes {
                 binding(5, storage, 1),
                 binding(6, storage, 1),
                 binding(7, storage, 1),
+                binding(8, storage, 1),
             ],
             vec![
                 // The blended image within its pass; afterwards; and the frame before.
@@ -529,16 +533,23 @@ impl Passes {
         if let Some(pipeline) = self.pipelines.get(&key) {
             return Ok(*pipeline);
         }
-        let vertex = Module::new(&self.gpu, modules::FULLSCREEN_VERT)?;
+        let vertex = match (what, pass.view_mask) {
+            (FullScreen::MarkTiles, 0) => modules::MARK_VERT,
+            (FullScreen::MarkTiles, _) => modules::MARK_VERT_MULTIVIEW,
+            (FullScreen::Mark | FullScreen::Resolve, _) => modules::FULLSCREEN_VERT,
+        };
+        let vertex = Module::new(&self.gpu, vertex)?;
         let (fragment, subpass, writes) = match what {
-            FullScreen::Mark => (modules::MARK_FRAG, 0, vk::ColorComponentFlags::empty()),
+            FullScreen::Mark | FullScreen::MarkTiles => {
+                (modules::MARK_FRAG, 0, vk::ColorComponentFlags::empty())
+            }
             FullScreen::Resolve => (modules::RESOLVE_FRAG, 1, vk::ColorComponentFlags::RGBA),
         };
         let fragment = Module::new(&self.gpu, fragment)?;
         let stages =
             [vertex.stage(vk::ShaderStageFlags::VERTEX), fragment.stage(vk::ShaderStageFlags::FRAGMENT)];
         let blend = vk::PipelineColorBlendAttachmentState::default().color_write_mask(writes);
-        let mark = what == FullScreen::Mark;
+        let mark = what != FullScreen::Resolve;
         let depth = vk::PipelineDepthStencilStateCreateInfo::default()
             .depth_test_enable(mark)
             .depth_write_enable(mark)

@@ -30,7 +30,7 @@ pub struct FrameReport {
     pub primitives: u64,
     /// Fragment-stage invocations of splats; some drivers leave out fragments that end early.
     pub fragments: u64,
-    /// Pixels of the passes over whole images that mark what is finished.
+    /// Pixels of the marks between batches, over whole images or in the tiles that are due.
     pub full_screen_fragments: u64,
     /// Splats drawn (precomputed expansion).
     pub visible: u32,

@@ -32,7 +32,7 @@ impl Traffic {
         let harmonics = if config.sh_degree > 0 { scene.harmonics.splat_bytes } else { 0 };
         let motion = if scene.moving { scene.motion.splat_bytes } else { 0 };
         let splat = scene.geometry.splat_bytes + motion + harmonics + 4;
-        let corners = if config.shape == QuadShape::Octagon { 8 } else { 4 };
+        let corners = u64::from(config.shape.corners());
         let (scene, records) = match config.expansion {
             Expansion::Precomputed => {
                 let words =

@@ -5,7 +5,9 @@ use crate::order::OrderRequest;
 use crate::report::FrameReport;
 use ash::vk;
 use gpu_allocator::MemoryLocation;
-use motes_shaders::layout::{BLOCK, DEPTH_TABLE_BYTES, Plan, RECORD_WORDS, RECORD_WORDS_EXACT};
+use motes_shaders::layout::{
+    BLOCK, DEPTH_TABLE_BYTES, DUE_BYTES, Plan, RECORD_WORDS, RECORD_WORDS_EXACT, TILES,
+};
 use std::sync::Arc;
 
 /// An order that was made on the device.
@@ -61,6 +63,8 @@ pub(crate) struct Workspace {
     pub offsets: Buffer,
     /// Light that each step of the order takes from each tile of the image.
     pub depths: Buffer,
+    /// Tiles that are marked after each batch.
+    pub due: Buffer,
     pub visible: Buffer,
     pub plan: Buffer,
     /// The plan of each frame, read back after it is done.
@@ -115,6 +119,7 @@ impl Workspace {
                 DEPTH_TABLE_BYTES,
                 storage | vk::BufferUsageFlags::TRANSFER_DST,
             )?,
+            due: buffer("tiles to mark", DUE_BYTES, storage)?,
             visible: buffer("visible splats", 4 * n, storage)?,
             plan: buffer("plan", plan_bytes, plan_usage)?,
             plans,
@@ -148,13 +153,17 @@ impl Workspace {
         }
     }
 
-    /// Reads the plans of a frame's parts, and sums them up.
-    pub fn read_plan(&self, frame: usize, parts: usize, report: &mut FrameReport) {
+    /// Reads the plans of a frame's parts, and sums them up. `marked_by_plan`: marks went where the plan says.
+    pub fn read_plan(&self, frame: usize, parts: usize, marked_by_plan: bool, report: &mut FrameReport) {
         for bytes in self.plans[frame].mapped().chunks_exact(size_of::<Plan>()).take(parts) {
             let plan: Plan = bytemuck::pod_read_unaligned(bytes);
             report.visible += plan.visible;
             report.predicted_fragments += plan.area;
             report.predicted_unhidden += plan.unhidden;
+            if marked_by_plan {
+                let tile = report.pixels as f64 / f64::from(report.views * TILES);
+                report.full_screen_fragments += (f64::from(plan.marked) * tile).round() as u64;
+            }
         }
     }
 }

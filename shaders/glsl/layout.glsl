@@ -38,6 +38,7 @@ const uint SHAPE_OCTAGON = 0;
 const uint SHAPE_SQUARE = 1;
 const uint SHAPE_DIAMOND = 2;
 const uint SHAPE_AXIS_ALIGNED = 3;
+const uint SHAPE_FITTED = 4;
 const uint RADIUS_OPACITY_AWARE = 0;
 const uint RADIUS_SQRT8 = 1;
 const uint RADIUS_FULL = 2;
@@ -65,7 +66,7 @@ const uint BLOCK = 128;
 // Splats that one draw instance covers.
 const uint QUADS_PER_INSTANCE = 256;
 // Most batches of an early-stop frame.
-const uint MAX_BATCHES = 32;
+const uint MAX_BATCHES = 128;
 // Steps of equal area that batches are made of.
 const uint BINS = 256;
 // Least blended opacity: below one step of an 8-bit image nothing lands.

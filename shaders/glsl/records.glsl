@@ -4,6 +4,7 @@
 #ifndef RECORDS_GLSL
 #define RECORDS_GLSL
 #include "projection.glsl"
+#include "tiles.glsl"
 
 uint record_words() { return PROJECTION == PROJECTION_EXACT ? 13u : 8u; }
 
@@ -15,19 +16,25 @@ struct Draw {
     int vertex_offset;
     uint first_instance;
 };
+struct MarkDraw {
+    uint vertex_count;
+    uint instance_count;
+    uint first_vertex;
+    uint first_instance;
+};
 struct Plan {
     Draw draws[MAX_BATCHES];
+    MarkDraw marks[MAX_BATCHES];  // tiles that are marked after each batch
     uint starts[MAX_BATCHES + 1]; // first entry of each batch in the list of visible splats
     uint visible;                 // splats that are drawn
     float area;                   // predicted pixels of all polygons, before any early stop
     float unhidden;               // of those, predicted pixels that early stop leaves
+    uint marked;                  // tiles that are marked, all batches and views together
     uint bin_ends[BINS];          // first entry after each bin in the list of visible splats
 };
 
 // The order in coarse steps of equal area, and the image in coarse tiles: how much light each step takes from each tile
 // says where early stop will find something to do.
-const uint TILE_SIDE = 32u; // tiles of a view along each side
-const uint TILES = TILE_SIDE * TILE_SIDE;
 const float DEPTH_UNIT = 4096.0; // optical depth is summed in whole numbers, which come out the same in any order
 
 // Where in the image a splat lies (in tiles) and what optical depth it adds to each of them, in one word; never 0.

@@ -7,11 +7,15 @@ pub const BLOCK: u32 = 128;
 /// Splats that one draw instance covers.
 pub const QUADS_PER_INSTANCE: u32 = 256;
 /// Most batches of an early-stop frame.
-pub const MAX_BATCHES: usize = 32;
+pub const MAX_BATCHES: usize = 128;
 /// Steps of equal area that batches are made of.
 pub const BINS: usize = 256;
+/// Tiles that a view's image is divided into: 32 × 32.
+pub const TILES: u32 = 32 * 32;
 /// Bytes of the table of optical depth: bins × views × tiles × 4.
-pub const DEPTH_TABLE_BYTES: u64 = BINS as u64 * 2 * 32 * 32 * 4;
+pub const DEPTH_TABLE_BYTES: u64 = BINS as u64 * 2 * TILES as u64 * 4;
+/// Bytes of the lists of tiles that are marked after each batch: batches × views × tiles × 4.
+pub const DUE_BYTES: u64 = MAX_BATCHES as u64 * 2 * TILES as u64 * 4;
 /// 32-bit words of a record (affine and tangent).
 pub const RECORD_WORDS: u32 = 8;
 /// 32-bit words of a record of the exact projection.
@@ -84,12 +88,28 @@ pub struct Draw {
     pub first_instance: u32,
 }
 
+/// An indirect draw without indices, as Vulkan defines it.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct MarkDraw {
+    /// Vertices per instance.
+    pub vertex_count: u32,
+    /// Instances: tiles.
+    pub instance_count: u32,
+    /// First vertex.
+    pub first_vertex: u32,
+    /// First instance.
+    pub first_instance: u32,
+}
+
 /// Batches of a frame, written on the device, as `Plan` in the shaders (std430).
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct Plan {
     /// One indirect draw a batch.
     pub draws: [Draw; MAX_BATCHES],
+    /// The marks after each batch.
+    pub marks: [MarkDraw; MAX_BATCHES],
     /// First entry of each batch in the list of visible splats.
     pub starts: [u32; MAX_BATCHES + 1],
     /// Splats that are drawn.
@@ -98,6 +118,8 @@ pub struct Plan {
     pub area: f32,
     /// Of those, predicted pixels that early stop leaves.
     pub unhidden: f32,
+    /// Tiles that are marked, all batches and views together.
+    pub marked: u32,
     /// First entry after each bin in the list of visible splats.
     pub bin_ends: [u32; BINS],
 }

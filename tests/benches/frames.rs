@@ -11,7 +11,8 @@ use cpu_time::ProcessTime;
 use glam::DVec3;
 use motes_renderer::gpu::{Gpu, GpuOptions};
 use motes_renderer::{
-    Expansion, Offscreen, Packing, Precision, Projection, RenderConfig, SceneOnDevice, ShPrecision, View,
+    Expansion, Marks, Offscreen, Packing, Precision, Projection, RenderConfig, SceneOnDevice, ShPrecision,
+    View,
 };
 use motes_tests::golden::{NAMES, golden_view};
 use std::time::Instant;
@@ -35,8 +36,6 @@ fn main() {
     let gpu = Gpu::offscreen(&GpuOptions { validation: false }).unwrap();
     let mut offscreen = Offscreen::new(&gpu).unwrap();
     let packing = Packing { precision: Precision::F32, sh_precision: ShPrecision::F32, sh_degree: 3 };
-    let tangent = RenderConfig::default();
-    let affine = RenderConfig { projection: Projection::Affine, ..tangent.clone() };
     for name in
         NAMES.into_iter().filter(|n| wanted.is_empty() || wanted.iter().any(|w| n.contains(w.as_str())))
     {
@@ -44,46 +43,49 @@ fn main() {
         let view = golden.scaled(2);
         let scene = SceneOnDevice::new(&gpu, &golden.splats, packing).unwrap();
         for views in [&[view][..], &eyes(view)[..]] {
-            let mut baseline = RenderConfig::quest_report();
-            if views.len() == 2 {
-                // The geometry stage draws one view: the report's viewer drew its eyes one by one.
-                baseline.expansion = Expansion::Geometry;
-            }
-            let mut configs = vec![("affine", affine.clone())];
-            for batches in [8, 16, 32] {
-                configs.push(("tangent", RenderConfig { batches, ..tangent.clone() }));
-            }
-            let mut time = |config: &RenderConfig| {
+            let tangent = RenderConfig::default();
+            let configs = [
+                ("report", RenderConfig::quest_report()),
+                ("default", tangent.clone()),
+                ("default, affine", RenderConfig { projection: Projection::Affine, ..tangent.clone() }),
+                ("16, everywhere", RenderConfig { batches: 16, marks: Marks::Everywhere, ..tangent.clone() }),
+                ("32, due", RenderConfig { batches: 32, ..tangent.clone() }),
+                ("64, due", RenderConfig { batches: 64, ..tangent.clone() }),
+            ];
+            // Seconds by the clock, of processor time, and on the device for order, preparation and drawing.
+            let mut time = |config: &RenderConfig| -> [f64; 5] {
                 offscreen.sort(&scene, views, config);
                 let (wall, process) = (Instant::now(), ProcessTime::now());
-                if config.expansion == Expansion::Geometry {
-                    let reports: Vec<_> =
-                        views.iter().map(|v| offscreen.draw(&scene, &[*v], config).unwrap()).collect();
-                    (wall.elapsed().as_secs_f64(), process.elapsed().as_secs_f64(), reports[0].clone())
-                } else {
-                    let report = offscreen.draw(&scene, views, config).unwrap();
-                    (wall.elapsed().as_secs_f64(), process.elapsed().as_secs_f64(), report)
-                }
-            };
-            for (label, config) in &configs {
-                let (mut wall, mut process, mut own) = (Vec::new(), Vec::new(), Vec::new());
-                for frame in 0..=FRAMES {
-                    let base = time(&baseline);
-                    let ours = time(config);
-                    if frame > 0 {
-                        wall.push(ours.0 / base.0);
-                        process.push(ours.1 / base.1);
-                        own.push(ours.1);
+                // The geometry stage draws one view: the report's viewer drew its eyes one by one.
+                let parts = if config.expansion == Expansion::Geometry { 1 } else { views.len() };
+                let mut device = [0.0; 3];
+                for part in views.chunks(parts) {
+                    let report = offscreen.draw(&scene, part, config).unwrap();
+                    for (sum, ns) in
+                        device.iter_mut().zip([report.upload_ns, report.prepare_ns, report.draw_ns])
+                    {
+                        *sum += 1e-9 * ns;
                     }
                 }
-                let [w1, w2, w3] = quartiles(wall);
-                let [p1, p2, p3] = quartiles(process);
+                let [order, prepare, draw] = device;
+                [wall.elapsed().as_secs_f64(), process.elapsed().as_secs_f64(), order, prepare, draw]
+            };
+            // Every configuration in turn, so that what else the machine does meets all alike.
+            let frames: Vec<[[f64; 5]; 6]> =
+                (0..=FRAMES).map(|_| configs.each_ref().map(|(_, config)| time(config))).skip(1).collect();
+            for (i, (label, _)) in configs.iter().enumerate() {
+                let ratio = |j: usize| quartiles(frames.iter().map(|f| f[i][j] / f[0][j]).collect());
+                let ms = |j: usize| 1e3 * quartiles(frames.iter().map(|f| f[i][j]).collect())[1];
+                let ([w1, w2, w3], [p1, p2, p3]) = (ratio(0), ratio(1));
                 println!(
-                    "{name:18} {} view(s) {label:8} {:2} batches: processor time {p2:.3} ({p1:.3} to {p3:.3}), \
-                     clock {w2:.3} ({w1:.3} to {w3:.3}) of the report's; {:.0} ms of processor time",
+                    "{name:18} {} view(s) {label:16} processor time {p2:.3} ({p1:.3} to {p3:.3}), clock {w2:.3} \
+                     ({w1:.3} to {w3:.3}) of the report's; {:.0} ms of processor time; on the device: order {:.1}, \
+                     preparation {:.1}, drawing {:.1} ms",
                     views.len(),
-                    config.batches,
-                    1e3 * quartiles(own)[1]
+                    ms(1),
+                    ms(2),
+                    ms(3),
+                    ms(4)
                 );
             }
         }

@@ -9,7 +9,8 @@ use motes_desktop::measure::{Picture as Measured, Settings, compare};
 use motes_renderer::gpu::{Gpu, GpuOptions};
 use motes_renderer::reference::{self, ReferenceOptions};
 use motes_renderer::{
-    Composite, Offscreen, Packing, Picture, Precision, Projection, RenderConfig, SceneOnDevice, ShPrecision,
+    Composite, Marks, Offscreen, Packing, Picture, Precision, Projection, RenderConfig, SceneOnDevice,
+    ShPrecision,
 };
 use motes_tests::golden::{NAMES, golden_view};
 
@@ -36,10 +37,11 @@ fn main() {
             let (maps, _) = offscreen.layers(&scene, &views, config).unwrap();
             let (picture, report) = offscreen.render(&scene, &views, config).unwrap();
             println!(
-                "{name:18} {label:34} shaded {:6.2}  blended {:6.2}  statistic {:6.2}  predicted {:6.2} unhidden {:6.2}",
+                "{name:18} {label:34} shaded {:6.2}  blended {:6.2}  statistic {:6.2}  marks {:5.2}  predicted {:6.2} unhidden {:6.2}",
                 maps[0].mean_shaded(),
                 maps[0].mean_blended(),
                 report.fragments as f64 / report.pixels as f64,
+                report.full_screen_fragments as f64 / report.pixels as f64,
                 f64::from(report.predicted_fragments) / report.pixels as f64,
                 f64::from(report.predicted_unhidden) / report.pixels as f64
             );
@@ -52,14 +54,22 @@ fn main() {
             );
             let base = RenderConfig { projection, composite: Composite::FrontToBack, ..Default::default() };
             let all = measured(&count(&format!("every layer {projection}"), &base));
-            for (batches, steps) in [(16, 1.0), (16, 0.5), (24, 0.5)] {
+            for (marks, batches, steps) in [
+                (Marks::Everywhere, 16, 1.0),
+                (Marks::Due, 16, 1.0),
+                (Marks::Due, 32, 1.0),
+                (Marks::Due, 64, 1.0),
+                (Marks::Due, 128, 1.0),
+                (Marks::Due, 128, 0.5),
+            ] {
                 let config = RenderConfig {
                     composite: Composite::EarlyStop,
                     batches,
+                    marks,
                     stop_below: steps / 255.0,
                     ..base.clone()
                 };
-                let label = format!("stop {projection} {batches} at {steps}/255");
+                let label = format!("stop {projection} {batches} {marks} at {steps}/255");
                 let picture = measured(&count(&label, &config));
                 let flip = compare(&all, &picture, &Settings::default()).unwrap().flip.mean;
                 println!("{:53} FLIP {flip:.5}", "");

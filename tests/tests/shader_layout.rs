@@ -1,6 +1,6 @@
 //! The structures and constants that host and shaders share, in Rust and as SPIR-V reflection sees them.
 
-use motes_shaders::layout::{BLOCK, Draw, FrameData, Plan, Specialization, ViewData};
+use motes_shaders::layout::{BLOCK, Draw, FrameData, MarkDraw, Plan, Specialization, ViewData};
 use motes_shaders::modules;
 use motes_tests::spirv::Specialized;
 use std::collections::BTreeMap;
@@ -21,7 +21,9 @@ fn structures_have_the_offsets_that_reflection_sees() {
     assert_eq!(project.offsets("ViewData"), offsets!(ViewData: rotation, eye, tangents, image));
     let draws = offsets!(Draw: index_count, instance_count, first_index, vertex_offset, first_instance);
     assert_eq!(plan.offsets("Draw"), draws);
-    let mut plans = offsets!(Plan: draws, starts, visible, area, unhidden, bin_ends);
+    let marks = offsets!(MarkDraw: vertex_count, instance_count, first_vertex, first_instance);
+    assert_eq!(plan.offsets("MarkDraw"), marks);
+    let mut plans = offsets!(Plan: draws, marks, starts, visible, area, unhidden, marked, bin_ends);
     assert_eq!(plan.offsets("Plan"), plans);
     // Control: an offset that is off by a word is seen.
     plans.insert("area".to_owned(), offset_of!(Plan, area) as u32 + 4);

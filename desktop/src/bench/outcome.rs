@@ -208,7 +208,7 @@ fn outcome(
             })
         });
     let fragments = layers * count(&pixels);
-    let corners = if config.shape == QuadShape::Octagon { 8 } else { 4 };
+    let corners = config.shape.corners();
     let load = FrameLoad::new(splats, config.expansion, corners, layers);
     Ok(Outcome {
         scene: errors[0].scene.clone(),

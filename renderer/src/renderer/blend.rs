@@ -8,7 +8,8 @@ use crate::gpu::{Buffer, GpuError, Image, ImageDescription};
 use crate::passes::{COUNT_FORMAT, FullScreen, PUSH_BYTES, PassKey, Stages};
 use ash::vk;
 use gpu_allocator::MemoryLocation;
-use motes_shaders::layout::{Draw, QUADS_PER_INSTANCE, Specialization};
+use motes_shaders::layout::{Draw, MarkDraw, Plan, QUADS_PER_INSTANCE, Specialization};
+use std::mem::offset_of;
 
 impl Renderer {
     #[allow(clippy::too_many_arguments)]
@@ -37,8 +38,12 @@ impl Renderer {
             Some(_) => Some(self.passes.full_screen(pass, FullScreen::Resolve)?),
             None => None,
         };
-        let mark =
-            if pass.early_stop { Some(self.passes.full_screen(pass, FullScreen::Mark)?) } else { None };
+        let due = config.marks_due();
+        let mark = match (pass.early_stop, due) {
+            (false, _) => None,
+            (true, false) => Some(self.passes.full_screen(pass, FullScreen::Mark)?),
+            (true, true) => Some(self.passes.full_screen(pass, FullScreen::MarkTiles)?),
+        };
         let render_pass = self.passes.pass(pass)?;
         let output = layer.map_or(target.all, |l| target.layers[l]);
         let (framebuffer, blended_view) = self.framebuffer(render_pass, pass, output, rendered)?;
@@ -127,7 +132,13 @@ impl Renderer {
                     self.passes.blended_to_marks(commands, pass);
                     device.cmd_bind_descriptor_sets(commands, graphics, layout, 3, &input_sets[..1], &[]);
                     device.cmd_bind_pipeline(commands, graphics, mark);
-                    device.cmd_draw(commands, 3, 1, 0, 0);
+                    if due {
+                        let offset =
+                            (offset_of!(Plan, marks) + batch as usize * size_of::<MarkDraw>()) as u64;
+                        device.cmd_draw_indirect(commands, plan, offset, 1, size_of::<MarkDraw>() as u32);
+                    } else {
+                        device.cmd_draw(commands, 3, 1, 0, 0);
+                    }
                 }
             }
             let Some(resolve) = resolve else {

@@ -54,6 +54,7 @@ impl Renderer {
             &workspace.plan,
             &workspace.visible,
             &workspace.depths,
+            &workspace.due,
         ]
         .map(|b| [whole(b)]);
         let write = |set: usize, binding: u32, kind, infos| {
@@ -63,7 +64,7 @@ impl Renderer {
                 .buffer_info(infos)
         };
         let storage = vk::DescriptorType::STORAGE_BUFFER;
-        let [blocks, footprints, offsets, plan, visible, depths] = &singles;
+        let [blocks, footprints, offsets, plan, visible, depths, due] = &singles;
         // Arrays: a frame allocates nothing.
         let writes = [
             write(0, 0, vk::DescriptorType::UNIFORM_BUFFER, &uniform[..]),
@@ -78,6 +79,7 @@ impl Renderer {
             write(2, 5, storage, plan),
             write(2, 6, storage, visible),
             write(2, 7, storage, depths),
+            write(2, 8, storage, due),
         ];
         // SAFETY: sets and buffers are alive and not in use by the device.
         unsafe { self.gpu.device().update_descriptor_sets(&writes, &[]) };

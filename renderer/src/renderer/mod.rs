@@ -92,6 +92,8 @@ struct Slot {
     order_staging: [Option<Buffer>; 2],
     /// Parts of the frame: 2 where each eye is prepared by itself.
     parts: usize,
+    /// Marks go where the plan says.
+    marks_due: bool,
     queries: Queries,
     report: FrameReport,
 }
@@ -212,6 +214,7 @@ impl Renderer {
             uniform,
             order_staging: [None, None],
             parts: 0,
+            marks_due: false,
             queries,
             report: FrameReport::default(),
         })
@@ -280,7 +283,7 @@ impl Renderer {
             slot.submitted = false;
             slot.queries.read(&mut slot.report)?;
             if let Some(workspace) = &self.workspace {
-                workspace.read_plan(index, slot.parts, &mut slot.report);
+                workspace.read_plan(index, slot.parts, slot.marks_due, &mut slot.report);
             }
             self.finished.clone_from(&slot.report);
         }
@@ -437,7 +440,9 @@ impl Renderer {
         let [width, height] = target.size.map(u64::from);
         slot.report.shown_pixels = width * height * views.len() as u64;
         let batches = if config.composite == Composite::EarlyStop { config.batches } else { 1 };
-        slot.report.full_screen_fragments = slot.report.pixels * u64::from(batches - 1);
+        slot.marks_due = config.marks_due();
+        slot.report.full_screen_fragments =
+            if slot.marks_due { 0 } else { slot.report.pixels * u64::from(batches - 1) };
         Ok(())
     }
 
