@@ -71,18 +71,6 @@ void main() {
         }
     }
     barrier();
-                if (depth > 0u) {
-                    atomicAdd(all[bin], (depth >> COARSE) + 1u);
-                    if (through < opaque) atomicAdd(seen[bin], (depth >> COARSE) + 1u);
-                    through += float(depth);
-                }
-                float stride = MARK_STEP * opaque + MARK_GROWTH * through;
-                if (border[bin] >= 0 && through >= next && total - through > stride) {
-                    next = through + stride;
-                    uint batch = uint(border[bin]);
-                    due[batch * DUE_ROOM + atomicAdd(marks[batch], 1u)] = tile;
-                }
-    barrier();
     for (uint step = BINS / 2u; step > 0u; step >>= 1) {
         if (local < step) running[local] += running[local + step];
         barrier();

@@ -3,16 +3,17 @@
 //! On a driver that renders on the processor, the time that the process spent on all cores says more than the clock does
 //! on a machine with other work; both are printed, as medians of ratios of neighbouring frames, with their quartiles.
 //!
-//! `cargo bench --bench frames [-- VIEW…]`
+//! `cargo bench --bench frames [-- VIEW… NAME=VALUE,NAME=VALUE…]`; every argument with `=` adds a configuration that
+//! differs so from the default one.
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a bench may")]
 
 use cpu_time::ProcessTime;
 use glam::DVec3;
+use motes_renderer::choices::Choice;
 use motes_renderer::gpu::{Gpu, GpuOptions};
 use motes_renderer::{
-    Expansion, Marks, Offscreen, Packing, Precision, Projection, RenderConfig, SceneOnDevice, ShPrecision,
-    View,
+    Expansion, Offscreen, Packing, Precision, Projection, RenderConfig, SceneOnDevice, ShPrecision, View,
 };
 use motes_tests::golden::{NAMES, golden_view};
 use std::time::Instant;
@@ -31,8 +32,22 @@ fn quartiles(mut values: Vec<f64>) -> [f64; 3] {
     [0.25, 0.5, 0.75].map(|q| values[(q * (values.len() - 1) as f64).round() as usize])
 }
 
+/// A configuration with some choices made otherwise: `NAME=VALUE,NAME=VALUE`.
+fn changed(config: &RenderConfig, text: &str) -> RenderConfig {
+    let mut config = config.clone();
+    for change in text.split(',') {
+        let (name, value) = change.split_once('=').unwrap();
+        Choice::named(name)
+            .unwrap_or_else(|| panic!("no choice is called {name}"))
+            .set(&mut config, value)
+            .unwrap();
+    }
+    config
+}
+
 fn main() {
-    let wanted: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with('-')).collect();
+    let (others, wanted): (Vec<_>, Vec<_>) =
+        std::env::args().skip(1).filter(|a| !a.starts_with('-')).partition(|a| a.contains('='));
     let gpu = Gpu::offscreen(&GpuOptions { validation: false }).unwrap();
     let mut offscreen = Offscreen::new(&gpu).unwrap();
     let packing = Packing { precision: Precision::F32, sh_precision: ShPrecision::F32, sh_degree: 3 };
@@ -44,14 +59,13 @@ fn main() {
         let scene = SceneOnDevice::new(&gpu, &golden.splats, packing).unwrap();
         for views in [&[view][..], &eyes(view)[..]] {
             let tangent = RenderConfig::default();
-            let configs = [
-                ("report", RenderConfig::quest_report()),
-                ("default", tangent.clone()),
-                ("default, affine", RenderConfig { projection: Projection::Affine, ..tangent.clone() }),
-                ("16, everywhere", RenderConfig { batches: 16, marks: Marks::Everywhere, ..tangent.clone() }),
-                ("32, due", RenderConfig { batches: 32, ..tangent.clone() }),
-                ("64, due", RenderConfig { batches: 64, ..tangent.clone() }),
+            let affine = RenderConfig { projection: Projection::Affine, ..tangent.clone() };
+            let mut configs = vec![
+                ("report".to_owned(), RenderConfig::quest_report()),
+                ("default".to_owned(), tangent.clone()),
+                ("default, affine".to_owned(), affine),
             ];
+            configs.extend(others.iter().map(|text| (text.clone(), changed(&tangent, text))));
             // Seconds by the clock, of processor time, and on the device for order, preparation and drawing.
             let mut time = |config: &RenderConfig| -> [f64; 5] {
                 offscreen.sort(&scene, views, config);
@@ -71,8 +85,10 @@ fn main() {
                 [wall.elapsed().as_secs_f64(), process.elapsed().as_secs_f64(), order, prepare, draw]
             };
             // Every configuration in turn, so that what else the machine does meets all alike.
-            let frames: Vec<[[f64; 5]; 6]> =
-                (0..=FRAMES).map(|_| configs.each_ref().map(|(_, config)| time(config))).skip(1).collect();
+            let frames: Vec<Vec<[f64; 5]>> = (0..=FRAMES)
+                .map(|_| configs.iter().map(|(_, config)| time(config)).collect())
+                .skip(1)
+                .collect();
             for (i, (label, _)) in configs.iter().enumerate() {
                 let ratio = |j: usize| quartiles(frames.iter().map(|f| f[i][j] / f[0][j]).collect());
                 let ms = |j: usize| 1e3 * quartiles(frames.iter().map(|f| f[i][j]).collect())[1];

@@ -23,16 +23,17 @@ pub fn float_key_16(v: f32) -> u32 {
     float_key(v) >> 16
 }
 
-/// Stable least-significant-digit radix sort of `pairs` by their upper halves, 11 bits at a time.
-/// A digit that all keys share costs no pass.
+/// Stable least-significant-digit radix sort of `pairs` by their upper halves, 10 bits at a time: the places of 1024
+/// buckets stay in the first-level cache, and the two uppermost bits, left to a pass of their own, are those that keys of
+/// distances share. A digit that all keys share costs no pass.
 pub fn radix_sort(buffers: &mut SortBuffers, key_bits: u32) {
-    const DIGIT: u32 = 11;
+    const DIGIT: u32 = 10;
     const BUCKETS: usize = 1 << DIGIT;
     let SortBuffers { pairs, scratch } = buffers;
     let n = pairs.len();
     scratch.resize(n, 0);
     let passes = key_bits.div_ceil(DIGIT) as usize;
-    let mut histograms = [[0u32; BUCKETS]; 3];
+    let mut histograms = [[0u32; BUCKETS]; 4];
     for p in pairs.iter() {
         let key = (*p >> 32) as u32;
         for (pass, histogram) in histograms[..passes].iter_mut().enumerate() {
