@@ -10,7 +10,7 @@
 
 use cpu_time::ProcessTime;
 use glam::DVec3;
-use motes_renderer::choices::Choice;
+use motes_renderer::Choice;
 use motes_renderer::gpu::{Gpu, GpuOptions};
 use motes_renderer::{
     Expansion, Offscreen, Packing, Precision, Projection, RenderConfig, SceneOnDevice, ShPrecision, View,

@@ -10,7 +10,7 @@ use motes_renderer::gpu::{Gpu, GpuOptions};
 use motes_renderer::reference::{self, ReferenceOptions};
 use motes_renderer::{
     Composite, Marks, Offscreen, Packing, Picture, Precision, Projection, RenderConfig, SceneOnDevice,
-    ShPrecision,
+    ShPrecision, TargetFormat,
 };
 use motes_tests::golden::{NAMES, golden_view};
 
