@@ -358,7 +358,7 @@ impl Default for RenderConfig {
             samples: 16,
             time_cull: TimeCull::Index,
             composite: Composite::EarlyStop,
-            batches: 16,
+            batches: 32,
             marks: Marks::Due,
             stop_below: 1.0 / 255.0,
             precision: Precision::F32,

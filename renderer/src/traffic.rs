@@ -4,7 +4,7 @@
 //! and every fragment reads and writes its pixel. What a device keeps on chip costs it nothing of that: a tile-based
 //! one blends there, so [`Traffic::blended`] is named apart.
 
-use crate::config::{Composite, Expansion, Projection, QuadShape, RenderConfig, TargetFormat};
+use crate::config::{Composite, Expansion, Projection, RenderConfig, TargetFormat};
 use crate::report::FrameReport;
 use crate::scene::SceneOnDevice;
 use motes_shaders::layout::{RECORD_WORDS, RECORD_WORDS_EXACT};

@@ -180,7 +180,7 @@ Corner splat_corner(uint corner, vec3 m, vec2 major, float ratio, float opacity,
 vec4 lens_corner(uint corner, vec3 m, vec3 u, vec3 v, vec2 major, float ratio, float opacity, vec2 linear, vec3 quadratic, ViewData view) {
     vec2 minor = ratio * vec2(-major.y, major.x);
     Reach reach = reach_of(polygon_radius(opacity), linear, quadratic);
-    vec2 unit = shape_corner(corner);
+    vec2 unit = shape_corner(corner, SMALL_RADIUS);
     vec2 side = EIGHT ? sign(unit) : SHAPE == SHAPE_DIAMOND ? vec2(unit.x + unit.y, unit.y - unit.x) : unit;
     vec4 shown = view.tangents;
     float radius = plane_radius(reach, major, minor);

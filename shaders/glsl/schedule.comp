@@ -71,6 +71,11 @@ void main() {
         }
     }
     barrier();
+    // Bins are of equal area. Where a block of splats takes more than one, the further ones are empty, and its own.
+    uint filled = local;
+    while (filled > 0u && all[filled] == 0u) filled--;
+    running[local] = all[filled] > 0u ? vec2(float(seen[filled]) / float(all[filled]), 1.0) : vec2(0.0);
+    barrier();
     for (uint step = BINS / 2u; step > 0u; step >>= 1) {
         if (local < step) running[local] += running[local + step];
         barrier();

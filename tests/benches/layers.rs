@@ -9,8 +9,8 @@ use motes_desktop::measure::{Picture as Measured, Settings, compare};
 use motes_renderer::gpu::{Gpu, GpuOptions};
 use motes_renderer::reference::{self, ReferenceOptions};
 use motes_renderer::{
-    Composite, Marks, Offscreen, Packing, Picture, Precision, Projection, RenderConfig, SceneOnDevice,
-    ShPrecision, TargetFormat,
+    Composite, Marks, Offscreen, Packing, Picture, Precision, Projection, QuadShape, RenderConfig,
+    SceneOnDevice, ShPrecision, TargetFormat,
 };
 use motes_tests::golden::{NAMES, golden_view};
 
@@ -62,22 +62,17 @@ fn main() {
                 "",
                 compare(&all_exact, &all, &Settings::default()).unwrap().flip.mean
             );
-            for (marks, batches, steps) in [
-                (Marks::Everywhere, 16, 1.0),
-                (Marks::Due, 16, 1.0),
-                (Marks::Due, 32, 1.0),
-                (Marks::Due, 64, 1.0),
-                (Marks::Due, 128, 1.0),
-                (Marks::Due, 64, 0.5),
+            for (marks, batches, shape) in [
+                (Marks::Everywhere, 16, QuadShape::Octagon),
+                (Marks::Due, 16, QuadShape::Octagon),
+                (Marks::Due, 32, QuadShape::Octagon),
+                (Marks::Due, 64, QuadShape::Octagon),
+                (Marks::Due, 128, QuadShape::Octagon),
+                (Marks::Due, 64, QuadShape::Fitted),
             ] {
-                let config = RenderConfig {
-                    composite: Composite::EarlyStop,
-                    batches,
-                    marks,
-                    stop_below: steps / 255.0,
-                    ..base.clone()
-                };
-                let label = format!("stop {projection} {batches} {marks} at {steps}/255");
+                let config =
+                    RenderConfig { composite: Composite::EarlyStop, shape, batches, marks, ..base.clone() };
+                let label = format!("stop {projection} {batches} {marks} {shape}");
                 let picture = measured(&count(&mut offscreen, &label, &config));
                 let flip = compare(&all, &picture, &Settings::default()).unwrap().flip.mean;
                 // Half floats lose the last layers of many, here by truncation: without a stop more than with it.

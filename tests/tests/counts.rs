@@ -4,8 +4,8 @@
 
 use glam::DVec3;
 use motes_renderer::{
-    Composite, Expansion, Fov, FrameReport, LowPass, Offscreen, Packing, Precision, QuadShape, RadiusRule,
-    RenderConfig, SceneOnDevice, Stereo, Traffic, Upscale, View,
+    Composite, Expansion, Fov, FrameReport, LowPass, Marks, Offscreen, Packing, Precision, QuadShape,
+    RadiusRule, RenderConfig, SceneOnDevice, Stereo, Traffic, Upscale, View,
 };
 use motes_scenes::synthetic::Recipe;
 use motes_tests::TestGpu;
@@ -191,4 +191,48 @@ fn early_stop_shades_less_the_earlier_it_stops() {
     // Control: a threshold of nothing stops nothing.
     let none = bench.shaded(&RenderConfig { stop_below: 0.0, ..Default::default() });
     assert_eq!(none, all);
+}
+
+#[test]
+fn marks_go_where_pixels_fill_up() {
+    let gpu = TestGpu::new();
+    // A wall of nearly opaque splats in one half of the image, and hardly anything in the other.
+    let mut splats = Recipe { count: 6000, seed: 5, ..Default::default() }.still();
+    for i in 0..splats.len() {
+        let [x, y, z] = splats.means[i];
+        splats.means[i] = [0.5 * x.abs() + 0.1, y, 0.3 * z];
+        splats.opacities[i] = 0.9;
+        splats.log_scales[i] = [-2.5; 3];
+    }
+    let packing = Packing::of_config(&RenderConfig::default());
+    let scene = SceneOnDevice::new(&gpu, &splats, packing).unwrap();
+    let mut offscreen = Offscreen::new(&gpu).unwrap();
+    let views = [view(0.0)];
+    let mut drawn = |marks, batches, composite| {
+        let config = RenderConfig { marks, batches, composite, ..Default::default() };
+        let (maps, _) = offscreen.layers(&scene, &views, &config).unwrap();
+        let (mut pictures, report) = offscreen.render(&scene, &views, &config).unwrap();
+        (pictures.remove(0).pixels, maps[0].mean_shaded(), report)
+    };
+    let (_, every_layer, _) = drawn(Marks::Everywhere, 16, Composite::FrontToBack);
+    let (truth, everywhere, all) = drawn(Marks::Everywhere, 16, Composite::EarlyStop);
+    let (picture, due, some) = drawn(Marks::Due, 16, Composite::EarlyStop);
+    let [all, some] = [all, some].map(|r| r.full_screen_fragments as f64 / r.pixels as f64);
+    println!(
+        "layers: every {every_layer:.2}, marks everywhere {everywhere:.2} ({all:.1} a pixel), due {due:.2} ({some:.1})"
+    );
+    assert!(due < 0.5 * every_layer && due < 1.1 * everywhere, "{due} of {every_layer}, {everywhere}");
+    assert_eq!(all, 15.0);
+    // The empty half is not looked at, and the full one not all the time.
+    assert!(some > 0.0 && some < 0.5 * all, "{some} marks a pixel");
+    let apart = |a: &[[u8; 4]], b: &[[u8; 4]]| {
+        a.iter().flatten().zip(b.iter().flatten()).map(|(a, b)| a.abs_diff(*b)).max()
+    };
+    assert!(apart(&picture, &truth) <= Some(2), "{:?}", apart(&picture, &truth));
+    // Controls: fewer batches find fewer pixels in time; and a threshold that hides what shows is seen.
+    let (_, coarse, _) = drawn(Marks::Due, 2, Composite::EarlyStop);
+    assert!(coarse > 1.2 * due, "{coarse}, {due}");
+    let early = RenderConfig { stop_below: 0.3, ..Default::default() };
+    let early = offscreen.render(&scene, &views, &early).unwrap().0.remove(0).pixels;
+    assert!(apart(&early, &truth) > Some(4), "{:?}", apart(&early, &truth));
 }

@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 
 use motes_app::prediction::{FrameLoad, Prediction, StageRates};
-use motes_renderer::QuadShape;
 use serde::{Deserialize, Serialize};
 
 use super::record::{ErrorRecord, FrameRecord, Record};

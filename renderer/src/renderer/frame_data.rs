@@ -47,11 +47,6 @@ pub(super) fn specialization(
     }
 }
 
-/// Corners of the polygon.
-pub(super) fn corners(config: &RenderConfig) -> u32 {
-    if config.shape == crate::QuadShape::Octagon { 8 } else { 4 }
-}
-
 /// Format of the blended image.
 pub(super) fn blended_format(target: TargetFormat) -> vk::Format {
     match target {
@@ -109,7 +104,7 @@ pub(super) fn frame_data(
     data.counts = [
         ordered,
         if early_stop { config.batches.min(MAX_BATCHES as u32) } else { 1 },
-        corners(config),
+        config.shape.corners(),
         sample | u32::from(config.order == OrderKey::Depth) << 31,
     ];
     data.sampling = [resolution.pitch, resolution.step, past as u32, reduction.history_share.to_bits()];

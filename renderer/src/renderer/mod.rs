@@ -20,7 +20,7 @@ use crate::scene::SceneOnDevice;
 use crate::view::View;
 use crate::workspace::Workspace;
 use ash::vk;
-use frame_data::{blended_format, corners, frame_data, specialization};
+use frame_data::{blended_format, frame_data, specialization};
 use gpu_allocator::MemoryLocation;
 use motes_shaders::layout::FrameData;
 use prepare::PREPARATION_DISPATCHES;
@@ -477,7 +477,7 @@ impl Renderer {
             self.slots[frame.slot].queries.stamp(commands, 2);
         }
 
-        let corners = corners(config);
+        let corners = config.shape.corners();
         let indices = self.index_buffer(corners)?;
         let passes: &[(u32, Option<usize>)] = match (views.len(), multiview) {
             (1, _) => &[[(0, Some(0))], [(0, Some(1))]][part],
