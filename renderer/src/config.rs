@@ -121,8 +121,6 @@ axis!(
         Diamond = "diamond",
         /// Rectangle along the screen's axes.
         AxisAligned = "axis-aligned",
-        /// Octagons, but squares for splats of less than 6 pixels' radius: 2 triangles instead of 6.
-        Fitted = "fitted",
     }
 );
 
@@ -130,7 +128,7 @@ impl QuadShape {
     /// Corners of a splat's polygon.
     pub fn corners(self) -> u32 {
         match self {
-            Self::Octagon | Self::Fitted => 8,
+            Self::Octagon => 8,
             Self::Square | Self::Diamond | Self::AxisAligned => 4,
         }
     }

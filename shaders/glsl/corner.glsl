@@ -3,17 +3,11 @@
 #define CORNER_GLSL
 #include "projection.glsl"
 
-const bool EIGHT = SHAPE == SHAPE_OCTAGON || SHAPE == SHAPE_FITTED;
-// Fitted: splats of a smaller radius are squares. A triangle costs as much as many pixels, and along the edges inside of
-// a polygon pixels are shaded twice (in groups of four): what an octagon cuts off a small square is less than that.
-const float SMALL_RADIUS = 6.0; // pixels
+uint corners_per_splat() { return SHAPE == SHAPE_OCTAGON ? 8u : 4u; }
 
-uint corners_per_splat() { return EIGHT ? 8u : 4u; }
-
-// Corner of the shape around the unit circle. A small fitted one's corners coincide two by two, and of its triangles two
-// are left.
-vec2 shape_corner(uint corner, float radius) {
-    if (EIGHT && !(SHAPE == SHAPE_FITTED && radius < SMALL_RADIUS)) {
+// Corner of the shape around the unit circle.
+vec2 shape_corner(uint corner) {
+    if (SHAPE == SHAPE_OCTAGON) {
         // Circumscribed: tan(π/8) beside 1.
         const float T = 0.41421356;
         const vec2 C[8] = vec2[8](vec2(1.0, T), vec2(T, 1.0), vec2(-T, 1.0), vec2(-1.0, T),
@@ -25,7 +19,7 @@ vec2 shape_corner(uint corner, float radius) {
         return C[corner];
     }
     const vec2 C[4] = vec2[4](vec2(1.0, 1.0), vec2(-1.0, 1.0), vec2(-1.0, -1.0), vec2(1.0, -1.0));
-    return C[EIGHT ? corner / 2u : corner];
+    return C[corner];
 }
 
 // A point of eye space in clip space. Depth is a constant half: splats only read the depth that early stop writes.
@@ -115,11 +109,11 @@ Corner splat_corner(uint corner, vec3 m, vec2 major, float ratio, float opacity,
     vec2 minor = ratio * vec2(-major.y, major.x);
     float k = polygon_radius(opacity);
     Corner c;
-    vec2 unit = shape_corner(corner, k * length(major) * view.image.x);
+    vec2 unit = shape_corner(corner);
     Reach reach = reach_of(k, linear, quadratic);
     if (PROJECTION == PROJECTION_EXACT && !reach.bounded) {
         // The whole image: the corner's ray d in the plane's coordinates is (u·d, v·d) / (m·d), kept homogeneous.
-        vec2 ndc = vec2(EIGHT ? sign(unit) : SHAPE == SHAPE_DIAMOND ? vec2(unit.x + unit.y, unit.y - unit.x) : unit);
+        vec2 ndc = vec2(SHAPE == SHAPE_OCTAGON ? sign(unit) : SHAPE == SHAPE_DIAMOND ? vec2(unit.x + unit.y, unit.y - unit.x) : unit);
         vec4 t = view.tangents;
         vec3 d = vec3(mix(t.xz, t.yw, 0.5 * ndc + 0.5), 1.0);
         vec2 plane = vec2(dot(u, d), dot(v, d));
@@ -153,7 +147,7 @@ Corner splat_corner(uint corner, vec3 m, vec2 major, float ratio, float opacity,
         // falls between two floats. What the image sees of it is a rectangle along the axes.
         vec3 normal = PROJECTION == PROJECTION_AFFINE ? vec3(0.0, 0.0, 1.0) : m;
         vec4 seen = seen_rectangle(k, m, normal, major.x * u + major.y * v, minor.x * u + minor.y * v, view.tangents);
-        vec2 side = EIGHT ? sign(unit) : SHAPE == SHAPE_DIAMOND ? vec2(unit.x + unit.y, unit.y - unit.x) : unit;
+        vec2 side = SHAPE == SHAPE_OCTAGON ? sign(unit) : SHAPE == SHAPE_DIAMOND ? vec2(unit.x + unit.y, unit.y - unit.x) : unit;
         pq = mix(seen.xz, seen.yw, 0.5 * side + 0.5);
     } else if (SHAPE == SHAPE_AXIS_ALIGNED) {
         vec2 ab = k * unit * sqrt(vec2(major.x * major.x + minor.x * minor.x, major.y * major.y + minor.y * minor.y));
@@ -180,8 +174,8 @@ Corner splat_corner(uint corner, vec3 m, vec2 major, float ratio, float opacity,
 vec4 lens_corner(uint corner, vec3 m, vec3 u, vec3 v, vec2 major, float ratio, float opacity, vec2 linear, vec3 quadratic, ViewData view) {
     vec2 minor = ratio * vec2(-major.y, major.x);
     Reach reach = reach_of(polygon_radius(opacity), linear, quadratic);
-    vec2 unit = shape_corner(corner, SMALL_RADIUS);
-    vec2 side = EIGHT ? sign(unit) : SHAPE == SHAPE_DIAMOND ? vec2(unit.x + unit.y, unit.y - unit.x) : unit;
+    vec2 unit = shape_corner(corner);
+    vec2 side = SHAPE == SHAPE_OCTAGON ? sign(unit) : SHAPE == SHAPE_DIAMOND ? vec2(unit.x + unit.y, unit.y - unit.x) : unit;
     vec4 shown = view.tangents;
     float radius = plane_radius(reach, major, minor);
     float middle = lens_place_beside(m, lens_middle(shown)).x;

@@ -38,7 +38,6 @@ const uint SHAPE_OCTAGON = 0;
 const uint SHAPE_SQUARE = 1;
 const uint SHAPE_DIAMOND = 2;
 const uint SHAPE_AXIS_ALIGNED = 3;
-const uint SHAPE_FITTED = 4;
 const uint RADIUS_OPACITY_AWARE = 0;
 const uint RADIUS_SQRT8 = 1;
 const uint RADIUS_FULL = 2;

@@ -50,7 +50,7 @@ float polygon_radius(float opacity) {
 }
 
 float shape_area() {
-    return SHAPE == SHAPE_OCTAGON || SHAPE == SHAPE_FITTED ? 3.3137085 : SHAPE == SHAPE_DIAMOND ? 2.0 : 4.0;
+    return SHAPE == SHAPE_OCTAGON ? 3.3137085 : SHAPE == SHAPE_DIAMOND ? 2.0 : 4.0;
 }
 
 mat3 eye_rotation(ViewData view) {
