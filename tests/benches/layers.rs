@@ -69,8 +69,7 @@ fn main() {
                 (Marks::Due, 64),
                 (Marks::Due, 128),
             ] {
-                let config =
-                    RenderConfig { composite: Composite::EarlyStop, shape, batches, marks, ..base.clone() };
+                let config = RenderConfig { composite: Composite::EarlyStop, batches, marks, ..base.clone() };
                 let label = format!("stop {projection} {batches} {marks}");
                 let picture = measured(&count(&mut offscreen, &label, &config));
                 let flip = compare(&all, &picture, &Settings::default()).unwrap().flip.mean;
