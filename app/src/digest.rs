@@ -3,7 +3,7 @@
 //!
 //! What is made of additions, multiplications and roots alone is the same bit for bit everywhere. Exponentials,
 //! logarithms and sines are the system's own, and may differ in their last digits: so the values themselves are kept in
-//! a second file, and tell by how much. Orders and packed words are the same or not.
+//! a second file, and tell by how much. Orders and half floats are the same or not.
 
 use std::hash::Hasher;
 use std::path::{Path, PathBuf};
@@ -55,9 +55,9 @@ pub struct Stage {
 }
 
 impl Stage {
-    /// Whether its values are numbers, and kept: an order's or packed words are the same or not.
+    /// Whether its values are numbers, and kept: an order's places and packed half floats are the same or not.
     fn has_values(&self) -> bool {
-        !(self.name.starts_with("order") || self.name.starts_with("pack"))
+        !(self.name.starts_with("order") || self.name == format!("pack, {}", Precision::F16))
     }
 }
 
@@ -216,19 +216,25 @@ impl Digest {
             stages.push(sorted.stage(&format!("order, {key}")));
         }
 
-        for &precision in &[Precision::F32, Precision::F16] {
-            let packing = Packing { precision, sh_precision: ShPrecision::F16, sh_degree: splats.sh_degree };
-            let mut packed = Values::new();
+        for (precision, sh_precision) in
+            [(Precision::F32, ShPrecision::F32), (Precision::F16, ShPrecision::F16)]
+        {
+            let packing = Packing { precision, sh_precision, sh_degree: splats.sh_degree };
             let mut words = vec![0; packing.geometry_words() * splats.len()];
             packing.geometry(splats, 0, &mut words);
-            packed.u32s(words);
-            let mut words = vec![0; packing.sh_words() * splats.len()];
-            packing.harmonics(splats, 0, &mut words);
-            packed.u32s(words);
+            let mut harmonics = vec![0; packing.sh_words() * splats.len()];
+            packing.harmonics(splats, 0, &mut harmonics);
+            words.append(&mut harmonics);
             if splats.motion.is_some() {
-                let mut words = vec![0; packing.motion_words() * splats.len()];
-                packing.motion(splats, 0, &mut words);
-                packed.u32s(words);
+                let mut motion = vec![0; packing.motion_words() * splats.len()];
+                packing.motion(splats, 0, &mut motion);
+                words.append(&mut motion);
+            }
+            let mut packed = Values::new();
+            // Scales are exponentials: numbers of which the last digit is the system's.
+            match precision {
+                Precision::F32 => packed.f32s(words.into_iter().map(f32::from_bits)),
+                _ => packed.u32s(words),
             }
             stages.push(packed.stage(&format!("pack, {precision}")));
         }
