@@ -67,8 +67,9 @@ pub fn moving(options: &LoadOptions) -> Result<Scene, SceneError> {
     let sway = Animation {
         turn: 0.5,
         travel: [0.0; 3],
-        wave: 0.02,
-        wave_length: 0.5,
+        // Small: half a scene away from its centre a cubic follows a wave only roughly.
+        wave: 0.006,
+        wave_length: 1.0,
         fleeting: 0.2,
         ..Animation::default()
     };
