@@ -98,6 +98,8 @@ pub(crate) struct Passes {
     pipelines: HashMap<PipelineKey, vk::Pipeline>,
 }
 
+/// Storage buffers that a stage of a pipeline may see: of geometry, of harmonics, of motion, of a frame.
+pub(crate) const STORAGE_BUFFERS: u32 = 4 + 4 + 2 + 10;
 /// Bytes of push constants that all pipelines share.
 pub(crate) const PUSH_BYTES: u32 = 32;
 
@@ -149,6 +151,8 @@ impl Passes {
                 image(2, vk::DescriptorType::COMBINED_IMAGE_SAMPLER),
             ],
         ];
+        let buffers = sets.iter().flatten().filter(|b| b.descriptor_type == storage);
+        debug_assert_eq!(buffers.map(|b| b.descriptor_count).sum::<u32>(), STORAGE_BUFFERS);
         for (slot, bindings) in made.set_layouts.iter_mut().zip(&sets) {
             let info = vk::DescriptorSetLayoutCreateInfo::default().bindings(bindings);
             // SAFETY: `info` is complete.

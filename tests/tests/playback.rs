@@ -3,15 +3,19 @@
 #![allow(clippy::unwrap_used, reason = "a test may")]
 
 use ash::vk;
+use glam::DVec3;
 use motes_app::governor::{Budget, Governor};
 use motes_app::headset::{Comfort, Eye, EyeFov, Input, Pose};
 use motes_app::measurement::SWEEP;
 use motes_app::opened::Opened;
+use motes_app::sequence::SequenceOnDevice;
 use motes_app::time::{TimeCommand, TimeControl};
 use motes_desktop::bench::record::Record;
-use motes_renderer::{Offscreen, Packing, Precision, RenderConfig, SceneOnDevice, ShPrecision};
+use motes_renderer::{
+    Fov, Offscreen, Packing, Picture, Precision, RenderConfig, SceneOnDevice, ShPrecision, Sorter, View,
+};
 use motes_scenes::synthetic::{Animation, Recipe};
-use motes_scenes::{LoadOptions, save};
+use motes_scenes::{LoadOptions, load_many, save, sequence_frames};
 use motes_tests::TestGpu;
 use motes_xr::{
     Content, EyeImages, FrameTime, Script, ScriptFrame, ScriptStep, ScriptedHeadset, SessionState, Viewer,
@@ -195,4 +199,41 @@ fn the_headset_holds_its_budget() {
     println!("{free:.1} layers, {held:.1} with a budget of {budget:.1} (step {level})");
     assert!(free > budget, "the control is within the budget anyway");
     assert!(held <= budget && level > 0);
+}
+
+/// Frames are read and brought to the device ahead, within a budget that holds four of twelve; each is its own file's.
+#[test]
+fn a_sequence_is_shown_frame_by_frame_within_its_budget() {
+    let gpu = TestGpu::new();
+    let frames = sequence_frames(&motes_tests::sample("4d/flipbook_monkey")).unwrap();
+    let options = LoadOptions::default();
+    let one = SceneOnDevice::new(&gpu, &load_many(&frames[..1], &options).unwrap().splats, PACKING).unwrap();
+    let budget = 9 * (one.bytes() + 12 * u64::from(one.splats)) / 2;
+    let mut sequence = SequenceOnDevice::new(&gpu, &frames, PACKING, budget).unwrap();
+    let control = sequence.time_control();
+    assert_eq!((control.frames(), (control.duration() * 30.0).round()), (12, 12.0));
+    let mut offscreen = Offscreen::new(&gpu).unwrap();
+    let view = View::look_at(
+        DVec3::new(0.3, 0.2, -3.0),
+        DVec3::ZERO,
+        DVec3::NEG_Y,
+        Fov { left: -0.8, right: 0.8, up: -0.6, down: 0.6 },
+        [64, 48],
+    );
+    let config = RenderConfig { sorter: Sorter::Gpu, ..RenderConfig::default() };
+    let mut before: Option<Vec<Picture>> = None;
+    for (frame, path) in frames.iter().enumerate().step_by(4) {
+        let shown = sequence.wait_for(frame).unwrap();
+        let (pictures, _) = offscreen.render(&shown, &[view], &config).unwrap();
+        let alone = load_many(std::slice::from_ref(path), &options).unwrap().splats;
+        let alone = SceneOnDevice::new(&gpu, &alone, PACKING).unwrap();
+        let (expected, _) = offscreen.render(&alone, &[view], &config).unwrap();
+        assert!(pictures == expected, "frame {frame}");
+        // Control: the frame before is another.
+        assert!(before.as_ref() != Some(&pictures), "frame {frame} is the one before");
+        before = Some(pictures);
+    }
+    assert!(sequence.peak() <= budget, "{} of {budget} bytes", sequence.peak());
+    println!("{} of {budget} bytes at most", sequence.peak());
+    gpu.wait_idle().unwrap();
 }

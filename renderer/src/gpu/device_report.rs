@@ -8,6 +8,7 @@ use ash::vk;
 use serde::{Deserialize, Serialize};
 
 use super::{Capabilities, Gpu};
+use crate::passes::STORAGE_BUFFERS;
 
 /// What a device offers. Read back by `motes device FILE`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -60,9 +61,6 @@ macro_rules! features {
         [$(($name.to_owned(), $features.$field == vk::TRUE)),*]
     };
 }
-
-/// Bindings of storage buffers in the stage that has most: 4 of geometry, 4 of harmonics, 2 of motion, 9 of a frame.
-const STORAGE_BUFFERS: f64 = 19.0;
 
 impl DeviceReport {
     /// Asks the device.
@@ -201,7 +199,7 @@ impl DeviceReport {
         );
         least(
             "storage buffers of a stage",
-            STORAGE_BUFFERS,
+            STORAGE_BUFFERS.into(),
             self.limit("maxPerStageDescriptorStorageBuffers"),
             true,
             "pipelines cannot be made",
