@@ -1,7 +1,7 @@
 //! Lenses: how directions become places in the image, and back.
 //!
 //! A *place* is a point of the image before it is cut into pixels. Its unit is the lens's own: slopes `x/z`, `y/z` for
-//! perspective, radians for the others, and a view's [`Fov`](crate::Fov) bounds the places that it shows. Axes are the
+//! perspective, radians for the others, and a view's [`Fov`] bounds the places that it shows. Axes are the
 //! eye's: x right, y down, z forward.
 //!
 //! Splatting on the plane tangent to the unit sphere at a splat's mean (Huang et al. 2024, section 5.2) does not ask how
