@@ -6,6 +6,7 @@ pub mod framing;
 pub mod governor;
 pub mod headset;
 pub mod loader;
+pub mod lod;
 pub mod measurement;
 pub mod opened;
 pub mod painter;

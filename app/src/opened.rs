@@ -5,8 +5,11 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DQuat, DVec3};
 use motes_renderer::{Fov, View};
 use motes_scenes::cameras::{self, Camera};
+use motes_scenes::labels::{Class, Labels, class_colour};
 use motes_scenes::settings::{SavedView, Settings};
-use motes_scenes::{LoadOptions, Scene, SceneError, load_many, looks_like_sequence, sample, sequence_frames};
+use motes_scenes::{
+    LoadOptions, Scene, SceneError, SourceInfo, load_many, looks_like_sequence, sample, sequence_frames,
+};
 
 /// A scene, and what belongs to it.
 #[derive(Clone, Debug)]
@@ -25,6 +28,8 @@ pub struct Opened {
     pub cameras: Vec<Camera>,
     /// The frames of a sequence, of which the scene is the first; empty for anything else.
     pub frames: Vec<PathBuf>,
+    /// What the splats' labels mean: those saved beside the scene, or the files of a merged one; else empty.
+    pub classes: Vec<Class>,
 }
 
 impl Opened {
@@ -44,6 +49,7 @@ impl Opened {
             settings_found: false,
             cameras: Vec::new(),
             frames: Vec::new(),
+            classes: Vec::new(),
         };
         let first = match paths {
             [] => return Ok(of_sample(sample::NAME.to_owned(), sample::sample(options)?)),
@@ -69,6 +75,7 @@ impl Opened {
             }
         }
         let name = name_of(first);
+        let classes = classes(paths, &mut scene);
         Ok(Self {
             name,
             path: Some(first.clone()),
@@ -77,6 +84,7 @@ impl Opened {
             settings_found,
             cameras,
             frames: Vec::new(),
+            classes,
         })
     }
 
@@ -92,6 +100,35 @@ impl Opened {
         let frames = sequence_frames(folder)?;
         let opened = Self::load(&frames[..frames.len().min(1)], options)?;
         Ok(Self { name: name_of(folder), frames, ..opened })
+    }
+}
+
+/// Labels the splats: of one scene by what is saved beside it, of several by the one that each came from. Labels that do
+/// not fit are a warning in the scene's report.
+fn classes(paths: &[PathBuf], scene: &mut Scene) -> Vec<Class> {
+    match paths {
+        [path] => {
+            let labels = Labels::beside(path).and_then(|labels| {
+                labels.map(|l| l.apply(&mut scene.splats, &Labels::path_of(path)).map(|()| l)).transpose()
+            });
+            match labels {
+                Ok(labels) => labels.map(|l| l.classes).unwrap_or_default(),
+                Err(error) => {
+                    log::warn!("{error}");
+                    scene.report.warnings.push(format!("labels are left out: {error}"));
+                    Vec::new()
+                }
+            }
+        }
+        _ => {
+            scene.label_by_source();
+            let class = |(id, source): (u16, &SourceInfo)| Class {
+                id,
+                name: name_of(&source.path),
+                colour: class_colour(id),
+            };
+            (1..).zip(&scene.sources).map(class).collect()
+        }
     }
 }
 

@@ -8,6 +8,7 @@ use std::collections::HashMap;
 use motes_renderer::projection_error::epsilon;
 use motes_renderer::reference::{self, ReferenceOptions, ReferenceOrder};
 use motes_renderer::{OrderKey, RenderConfig, View, midpoint};
+use motes_scenes::labels::{Class, class_colour};
 use motes_scenes::{SH_C0, Splats};
 
 use crate::error::CommandError;
@@ -26,7 +27,7 @@ pub enum Heat {
     ProjectionError,
     /// Splats in the voxel around a splat (64 along the scene's longest side): 1 to 1000, logarithmic
     Density,
-    /// Labels (files of a merged scene, classes), in the order of their numbers
+    /// Labels (files of a merged scene, classes), in their colours
     Labels,
 }
 
@@ -93,7 +94,12 @@ impl Heat {
     ///
     /// # Errors
     /// A scene without labels.
-    pub fn of_splats(self, splats: &Splats, view: &View) -> Result<Option<Splats>, CommandError> {
+    pub fn of_splats(
+        self,
+        splats: &Splats,
+        view: &View,
+        classes: &[Class],
+    ) -> Result<Option<Splats>, CommandError> {
         let values: Vec<f64> = match self {
             Self::Layers | Self::Hidden | Self::Error => return Ok(None),
             Self::ProjectionError => {
@@ -103,21 +109,24 @@ impl Heat {
             Self::Labels => {
                 let labels = splats.labels.as_ref().ok_or_else(|| {
                     CommandError::Usage(
-                        "the scene has no labels; merge several files, or load classes".into(),
+                        "the scene has no labels; merge several files, or label it by motes label".into(),
                     )
                 })?;
-                let most = labels.iter().copied().max().unwrap_or(0).max(1);
-                labels.iter().map(|&l| f64::from(l) / f64::from(most)).collect()
+                let chosen: HashMap<u16, [u8; 3]> = classes.iter().map(|c| (c.id, c.colour)).collect();
+                let colour = |id: &u16| chosen.get(id).copied().unwrap_or_else(|| class_colour(*id));
+                return Ok(Some(painted(splats, labels.iter().map(colour))));
             }
         };
-        let mut painted = splats.clone();
-        painted.set_sh_degree(0);
-        painted.sh = values
-            .into_iter()
-            .map(|v| ColourMap::Viridis.colour(v).map(|c| (f32::from(c) / 255.0 - 0.5) / SH_C0))
-            .collect();
-        Ok(Some(painted))
+        Ok(Some(painted(splats, values.into_iter().map(|v| ColourMap::Viridis.colour(v)))))
     }
+}
+
+/// The scene with its splats in these colours, from wherever they are seen.
+fn painted(splats: &Splats, colours: impl Iterator<Item = [u8; 3]>) -> Splats {
+    let mut painted = splats.clone();
+    painted.set_sh_degree(0);
+    painted.sh = colours.map(|rgb| rgb.map(|c| (f32::from(c) / 255.0 - 0.5) / SH_C0)).collect();
+    painted
 }
 
 /// Where a value lies between two, on a logarithmic scale: 0 to 1.
@@ -217,14 +226,17 @@ mod tests {
     #[test]
     fn splats_take_the_colour_of_their_quantity() {
         let mut splats = scene();
-        assert!(Heat::Labels.of_splats(&splats, &view()).is_err());
+        assert!(Heat::Labels.of_splats(&splats, &view(), &[]).is_err());
         splats.labels = Some((0..50).map(|i| i % 5).collect());
-        let painted = Heat::Labels.of_splats(&splats, &view()).unwrap().unwrap();
+        let classes = [Class { id: 4, name: "four".into(), colour: [10, 20, 30] }];
+        let painted = Heat::Labels.of_splats(&splats, &view(), &classes).unwrap().unwrap();
         assert_eq!((painted.sh_degree, painted.sh.len()), (0, 50));
         let colour = |i: usize| painted.sh[i].map(|c| ((0.5 + SH_C0 * c) * 255.0).round() as u8);
-        assert_eq!(colour(0), ColourMap::Viridis.colour(0.0));
-        assert_eq!(colour(4), ColourMap::Viridis.colour(1.0));
-        assert!(Heat::Layers.of_splats(&splats, &view()).unwrap().is_none());
+        assert_eq!((colour(4), colour(1)), ([10, 20, 30], class_colour(1)));
+        let dense = Heat::Density.of_splats(&splats, &view(), &[]).unwrap().unwrap();
+        let lonely = dense.sh[0].map(|c| ((0.5 + SH_C0 * c) * 255.0).round() as u8);
+        assert_eq!(lonely, ColourMap::Viridis.colour(0.0));
+        assert!(Heat::Layers.of_splats(&splats, &view(), &[]).unwrap().is_none());
         assert!(
             (share(1.0, [0.01, 10.0]) - 2.0 / 3.0).abs() < 1e-12 && share(f64::INFINITY, [1.0, 2.0]) == 1.0
         );

@@ -3,7 +3,9 @@
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use motes_desktop::commands::{animate, bench, compare, device, digest, golden, info, render, view, xr};
+use motes_desktop::commands::{
+    animate, bench, compare, device, digest, golden, info, label, lod, optimize, render, view, xr,
+};
 
 /// Viewer for 3-D and 4-D Gaussian splatting scenes.
 #[derive(Parser)]
@@ -25,6 +27,9 @@ enum Command {
     Golden(golden::GoldenArgs),
     Digest(digest::DigestArgs),
     Device(device::DeviceReportArgs),
+    Label(label::LabelArgs),
+    Lod(lod::LodArgs),
+    Optimize(optimize::OptimizeArgs),
     Xr(xr::XrArgs),
 }
 
@@ -49,6 +54,9 @@ fn main() -> ExitCode {
         Some(Command::Device(args)) => device::run(&args).map_err(|e| e.to_string()),
         Some(Command::Digest(args)) => digest::run(&args).map_err(|e| e.to_string()),
         Some(Command::Golden(args)) => golden::run(&args).map_err(|e| e.to_string()),
+        Some(Command::Label(args)) => label::run(&args).map_err(|e| e.to_string()),
+        Some(Command::Lod(args)) => lod::run(&args).map_err(|e| e.to_string()),
+        Some(Command::Optimize(args)) => optimize::run(&args).map_err(|e| e.to_string()),
         Some(Command::Xr(args)) => match xr::run(&args) {
             Ok(xr::Outcome::Shown) => Ok(()),
             Ok(xr::Outcome::Window(reason)) => {

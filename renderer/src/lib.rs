@@ -2,6 +2,7 @@
 
 mod choices;
 mod config;
+pub mod detail;
 mod frame;
 pub mod gpu;
 mod lens;

@@ -11,6 +11,8 @@ mod chunks;
 mod error;
 mod format;
 mod formats;
+pub mod labels;
+pub mod levels;
 mod load;
 mod merge;
 mod recentre;

@@ -40,6 +40,23 @@ pub(crate) fn append(scene: &mut Scene, next: Scene, path: &Path) -> Result<(), 
     Ok(())
 }
 
+impl Scene {
+    /// Splats of several scenes as those of one, in their order, relative to the first's origin; labels and motion where
+    /// any has them.
+    pub fn joined(parts: Vec<Splats>) -> Splats {
+        let degree = parts.iter().map(|p| p.sh_degree).max().unwrap_or(0);
+        let mut parts = parts.into_iter().filter(|p| !p.is_empty());
+        let Some(mut all) = parts.next() else { return Splats::zeroed(0, degree, false) };
+        all.set_sh_degree(degree);
+        for mut part in parts {
+            part.set_sh_degree(degree);
+            shift_to(&mut part, all.origin);
+            extend(&mut all, part);
+        }
+        all
+    }
+}
+
 /// Expresses the means relative to another origin; returns the distance between the two along the worst axis.
 fn shift_to(splats: &mut Splats, origin: [f64; 3]) -> f64 {
     let shift: [f64; 3] = std::array::from_fn(|k| splats.origin[k] - origin[k]);

@@ -123,6 +123,32 @@ impl Splats {
         }
     }
 
+    /// A copy of some of the splats, in the order of their indices here.
+    ///
+    /// # Panics
+    /// Where an index is not below [`Splats::len`].
+    pub fn selected(&self, indices: &[u32]) -> Self {
+        fn pick<T: Copy>(values: &[T], indices: &[u32]) -> Vec<T> {
+            indices.iter().map(|&i| values[i as usize]).collect()
+        }
+        Self {
+            origin: self.origin,
+            means: pick(&self.means, indices),
+            rotations: pick(&self.rotations, indices),
+            log_scales: pick(&self.log_scales, indices),
+            opacities: pick(&self.opacities, indices),
+            sh_degree: self.sh_degree,
+            sh: indices.iter().flat_map(|&i| self.sh_of(i as usize)).copied().collect(),
+            motion: self.motion.as_ref().map(|m| Motion {
+                centers: pick(&m.centers, indices),
+                widths: pick(&m.widths, indices),
+                polynomials: pick(&m.polynomials, indices),
+                omegas: pick(&m.omegas, indices),
+            }),
+            labels: self.labels.as_ref().map(|l| pick(l, indices)),
+        }
+    }
+
     /// Raises the spherical harmonics to a higher degree by appending zeros, or cuts them to a lower one.
     pub fn set_sh_degree(&mut self, degree: u8) {
         let (old, new, n) = (sh_coefficients(self.sh_degree), sh_coefficients(degree), self.len());

@@ -117,7 +117,7 @@ pub fn run(args: &RenderArgs) -> Result<(), CommandError> {
             studio = Some((splats.clone(), Studio::new(gpu, &splats, &config)?));
         }
         let painted = match args.heat {
-            Some(heat) => heat.of_splats(&splats, &views[0])?,
+            Some(heat) => heat.of_splats(&splats, &views[0], &opened.classes)?,
             None => None,
         };
         let (mut pictures, report) = match (&gpu, &mut studio, &painted) {

@@ -63,6 +63,37 @@ impl Picture {
         Self { size: self.size, pixels: self.pixels.iter().map(function).collect() }
     }
 
+    /// The picture at another size: each pixel is the mean of the area that it covers.
+    ///
+    /// # Errors
+    /// An empty size.
+    pub fn resized(&self, size: [u32; 2]) -> Result<Self, MeasureError> {
+        let scale = [0, 1].map(|k| f64::from(self.size[k]) / f64::from(size[k].max(1)));
+        // What a destination pixel covers of each source pixel along one axis.
+        let covers = |i: u32, k: usize| {
+            let (low, high) = (f64::from(i) * scale[k], f64::from(i + 1) * scale[k]);
+            let last = (high.ceil() as u32).min(self.size[k]);
+            (low as u32..last).map(move |s| (s, high.min(f64::from(s) + 1.0) - low.max(f64::from(s))))
+        };
+        let mut pixels = Vec::new();
+        for y in 0..size[1] {
+            for x in 0..size[0] {
+                let (mut sum, mut area) = ([0.0; 3], 0.0);
+                for (sy, wy) in covers(y, 1) {
+                    for (sx, wx) in covers(x, 0) {
+                        let pixel = self.pixels[sy as usize * self.size[0] as usize + sx as usize];
+                        for c in 0..3 {
+                            sum[c] += f64::from(pixel[c]) * wx * wy;
+                        }
+                        area += wx * wy;
+                    }
+                }
+                pixels.push(sum.map(|v| (v / area) as f32));
+            }
+        }
+        Self::new(size, pixels)
+    }
+
     /// 8-bit colours by rows, rounded to nearest.
     pub fn to_rgb8(&self) -> Vec<u8> {
         self.pixels.iter().flat_map(|p| p.map(|c| (c * 255.0).round() as u8)).collect()
@@ -254,5 +285,18 @@ mod tests {
         !bytes.iter().fold(!0, |crc, &b| {
             (0..8).fold(crc ^ u32::from(b), |c, _| if c & 1 == 1 { (c >> 1) ^ 0xedb8_8320 } else { c >> 1 })
         })
+    }
+
+    #[test]
+    fn smaller_pictures_are_means_of_areas() {
+        let picture = Picture::new([4, 2], (0..8).map(|i| [i as f32 / 10.0, 0.5, 1.0]).collect()).unwrap();
+        let half = picture.resized([2, 1]).unwrap();
+        assert_eq!(half.size(), [2, 1]);
+        assert!((half.pixels()[0][0] - 0.25).abs() < 1e-6 && (half.pixels()[1][0] - 0.45).abs() < 1e-6);
+        assert!((half.pixels()[0][1] - 0.5).abs() < 1e-6 && (half.pixels()[0][2] - 1.0).abs() < 1e-6);
+        let third = picture.resized([3, 2]).unwrap();
+        assert!((third.pixels()[1][0] - 0.15).abs() < 1e-6, "half of two pixels");
+        assert_eq!(picture.resized([4, 2]).unwrap(), picture);
+        assert!(picture.resized([0, 2]).is_err());
     }
 }

@@ -243,6 +243,44 @@ impl ReferenceImage {
     }
 }
 
+/// One splat's part of a pixel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Layer {
+    /// The splat's place in the scene.
+    pub splat: u32,
+    /// What it covers of what lies behind it, 1/255 to 0.99.
+    pub alpha: f64,
+    /// Transmittance of all that lies in front of it, `0 ..= 1`: its visible blending weight is `light · alpha`.
+    pub light: f64,
+    /// Its colour from this eye, sRGB-encoded.
+    pub colour: [f64; 3],
+}
+
+impl Layer {
+    /// Share of the pixel's colour that is this splat's: `T α` of volume rendering, `0 ..= 1`.
+    pub fn weight(&self) -> f64 {
+        self.light * self.alpha
+    }
+}
+
+/// Hands over, for every pixel (column and row), the layers that [`render`] would blend, front to back. Called from many
+/// threads, in no order of pixels.
+///
+/// # Errors
+/// As [`render`].
+pub fn trace(
+    splats: &Splats,
+    view: &View,
+    options: &ReferenceOptions,
+    visit: impl Fn([u32; 2], &[Layer]) + Sync,
+) -> Result<(), ReferenceError> {
+    check_scene(splats)?;
+    check_view(view)?;
+    check_options(options)?;
+    prepare::trace(splats, view, options, &visit);
+    Ok(())
+}
+
 /// Renders a scene from a view.
 ///
 /// Takes seconds for some 10⁵ to 10⁶ splats at 640 × 480, on all cores; memory: 56 bytes a pixel and some 300 bytes

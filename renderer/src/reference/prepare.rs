@@ -5,8 +5,8 @@ use motes_scenes::{Splats, sh_coefficients};
 use rayon::prelude::*;
 
 use super::lens::{LensAffineFootprint, LensRayFootprint, LensTiles};
-use super::raster::{Candidate, Footprint, rasterise};
-use super::{Reach, ReferenceError, ReferenceImage, ReferenceOptions, ReferenceOrder};
+use super::raster::{Candidate, Footprint, follow, rasterise};
+use super::{Layer, Reach, ReferenceError, ReferenceImage, ReferenceOptions, ReferenceOrder};
 use crate::config::{Lens, LowPass, Projection, RadiusRule};
 use crate::motion::{Moment, moment};
 use crate::projection::{
@@ -56,11 +56,49 @@ pub(super) fn render(
     }
 }
 
+/// [`render`], but every pixel's layers go to `visit`.
+pub(super) fn trace(
+    splats: &Splats,
+    view: &View,
+    options: &ReferenceOptions,
+    visit: &(impl Fn([u32; 2], &[Layer]) + Sync),
+) {
+    if options.lens != Lens::Perspective {
+        return match options.projection {
+            Projection::Affine => hand_over::<LensAffineFootprint>(splats, view, options, visit),
+            Projection::Tangent => hand_over::<TangentFootprint>(splats, view, options, visit),
+            Projection::Exact => hand_over::<LensRayFootprint>(splats, view, options, visit),
+        };
+    }
+    match (options.projection, options.reach) {
+        (Projection::Affine, Reach::TrainerTiles) => {
+            hand_over::<TrainerFootprint>(splats, view, options, visit)
+        }
+        (Projection::Affine, Reach::Rule(_)) => hand_over::<AffineFootprint>(splats, view, options, visit),
+        (Projection::Tangent, _) => hand_over::<TangentFootprint>(splats, view, options, visit),
+        (Projection::Exact, _) => hand_over::<RayFootprint>(splats, view, options, visit),
+    }
+}
+
+fn hand_over<F: Project>(
+    splats: &Splats,
+    view: &View,
+    options: &ReferenceOptions,
+    visit: &(impl Fn([u32; 2], &[Layer]) + Sync),
+) {
+    follow(&candidates::<F>(splats, view, options), view, options, visit);
+}
+
 fn draw<F: Project>(
     splats: &Splats,
     view: &View,
     options: &ReferenceOptions,
 ) -> Result<ReferenceImage, ReferenceError> {
+    rasterise(&candidates::<F>(splats, view, options), view, options)
+}
+
+/// What the view can see, in order.
+fn candidates<F: Project>(splats: &Splats, view: &View, options: &ReferenceOptions) -> Vec<Candidate<F>> {
     let tiles = LensTiles::of(view, options.lens);
     let mut candidates: Vec<Candidate<F>> = (0..splats.len())
         .into_par_iter()
@@ -68,7 +106,7 @@ fn draw<F: Project>(
         .collect();
     // Stable: equal keys keep the order of the scene.
     candidates.par_sort_by(|a, b| a.key.total_cmp(&b.key));
-    rasterise(&candidates, view, options)
+    candidates
 }
 
 /// One splat as a candidate, or nothing where it cannot be seen.
@@ -120,7 +158,15 @@ pub(super) fn prepare<F: Project>(
     if !colour.iter().all(|c| c.is_finite()) {
         return None;
     }
-    Some(Candidate { key, tiles, footprint, opacity: projected.opacity, colour, limit: projected.limit()? })
+    Some(Candidate {
+        index: i as u32,
+        key,
+        tiles,
+        footprint,
+        opacity: projected.opacity,
+        colour,
+        limit: projected.limit()?,
+    })
 }
 
 impl Projected<'_> {

@@ -4,7 +4,7 @@ use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 use super::prepare::{TILE, TileRect};
-use super::{ReferenceError, ReferenceImage, ReferenceOptions, ReferenceOrder, ReferencePixel};
+use super::{Layer, ReferenceError, ReferenceImage, ReferenceOptions, ReferenceOrder, ReferencePixel};
 use crate::config::Lens;
 use crate::projection::{MAX_ALPHA, MIN_ALPHA};
 use crate::view::View;
@@ -20,6 +20,8 @@ pub(super) trait Footprint: Send + Sync {
 
 /// A splat that some pixel may see.
 pub(super) struct Candidate<F> {
+    /// Its place in the scene.
+    pub index: u32,
     /// What it is ordered by.
     pub key: f64,
     /// Tiles that it may reach.
@@ -59,32 +61,69 @@ pub(super) fn rasterise<F: Footprint>(
     pixels.try_reserve_exact(count).map_err(|_| ReferenceError::Memory(width, height))?;
     pixels.resize(count, Blend::default().finish(options));
 
-    let columns = width.div_ceil(TILE);
     let tile_pairs = pixels
         .par_chunks_mut((width * TILE) as usize)
         .enumerate()
         .map(|(row, pixels)| {
-            // Whole rows and columns of tiles are filtered in place: lists per tile of splats that fill the screen
-            // would need memory without bound.
-            let row = row as u32;
-            let in_row: Vec<&Candidate<F>> = candidates.iter().filter(|c| contains(c.tiles.y, row)).collect();
-            let mut in_tile = Vec::new();
-            let mut pairs = 0;
-            for column in 0..columns {
-                in_tile.clear();
-                in_tile.extend(in_row.iter().copied().filter(|c| contains(c.tiles.x, column)));
-                pairs += in_tile.len() as u64;
-                for (line, pixels) in pixels.chunks_mut(width as usize).enumerate() {
-                    let y = row * TILE + line as u32;
-                    for x in column * TILE..((column + 1) * TILE).min(width) {
-                        pixels[x as usize] = shade(&in_tile, x, y, view, options);
-                    }
-                }
-            }
-            pairs
+            let first = row as u32 * TILE;
+            each_pixel(candidates, view, row as u32, |x, y, in_tile| {
+                pixels[((y - first) * width + x) as usize] = shade(in_tile, x, y, view, options);
+            })
         })
         .sum();
     Ok(ReferenceImage { size: view.size, pixels, visible: candidates.len(), tile_pairs })
+}
+
+/// Hands every pixel's layers over instead of blending them; rows of tiles in parallel, in no order.
+pub(super) fn follow<F: Footprint>(
+    candidates: &[Candidate<F>],
+    view: &View,
+    options: &ReferenceOptions,
+    visit: &(impl Fn([u32; 2], &[Layer]) + Sync),
+) {
+    (0..view.size[1].div_ceil(TILE)).into_par_iter().for_each(|row| {
+        let mut layers = Vec::new();
+        each_pixel(candidates, view, row, |x, y, in_tile| {
+            layers.clear();
+            let mut light = 1.0;
+            in_order(in_tile, x, y, view, options, |alpha, _, candidate| {
+                let after = light * (1.0 - alpha);
+                if after < options.stop_below {
+                    return false;
+                }
+                layers.push(Layer { splat: candidate.index, alpha, light, colour: candidate.colour });
+                light = after;
+                true
+            });
+            visit([x, y], &layers);
+        });
+    });
+}
+
+/// Visits the pixels of a row of tiles, each with the candidates of its tile; returns how many those were, over the tiles.
+fn each_pixel<F: Footprint>(
+    candidates: &[Candidate<F>],
+    view: &View,
+    row: u32,
+    mut visit: impl FnMut(u32, u32, &[&Candidate<F>]),
+) -> u64 {
+    let [width, height] = view.size;
+    // Whole rows and columns of tiles are filtered in place: lists per tile of splats that fill the screen would need
+    // memory without bound.
+    let in_row: Vec<&Candidate<F>> = candidates.iter().filter(|c| contains(c.tiles.y, row)).collect();
+    let mut in_tile = Vec::new();
+    let mut pairs = 0;
+    for column in 0..width.div_ceil(TILE) {
+        in_tile.clear();
+        in_tile.extend(in_row.iter().copied().filter(|c| contains(c.tiles.x, column)));
+        pairs += in_tile.len() as u64;
+        for y in row * TILE..((row + 1) * TILE).min(height) {
+            for x in column * TILE..((column + 1) * TILE).min(width) {
+                visit(x, y, &in_tile);
+            }
+        }
+    }
+    pairs
 }
 
 fn contains(range: [u32; 2], value: u32) -> bool {
@@ -99,37 +138,51 @@ fn shade<F: Footprint>(
     view: &View,
     options: &ReferenceOptions,
 ) -> ReferencePixel {
+    let mut blend = Blend::default();
+    in_order(candidates, x, y, view, options, |alpha, depth, candidate| {
+        blend.add(alpha, depth, candidate.colour, options)
+    });
+    blend.finish(options)
+}
+
+/// Hands over alpha and depth of every candidate that is drawn at a pixel, front to back, until told to stop.
+fn in_order<F: Footprint>(
+    candidates: &[&Candidate<F>],
+    x: u32,
+    y: u32,
+    view: &View,
+    options: &ReferenceOptions,
+    mut add: impl FnMut(f64, f64, &Candidate<F>) -> bool,
+) {
     let pixel = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
     let fov = &view.fov;
     let place = DVec2::new(
         fov.left + (fov.right - fov.left) * pixel.x / f64::from(view.size[0]),
         fov.up + (fov.down - fov.up) * pixel.y / f64::from(view.size[1]),
     );
-    let mut blend = Blend::default();
     let ray = match options.lens {
         Lens::Perspective => Some(place.extend(1.0)),
         lens => lens.ray(place),
     };
-    let Some(ray) = ray else { return blend.finish(options) };
+    let Some(ray) = ray else { return };
     if options.order == ReferenceOrder::AlongRay {
         let mut hits: Vec<_> =
             candidates.iter().filter_map(|c| c.alpha(pixel, ray).map(|(a, depth)| (depth, a, c))).collect();
         hits.sort_by(|a, b| a.0.total_cmp(&b.0));
         for (depth, alpha, candidate) in hits {
-            if !blend.add(alpha, depth, candidate.colour, options) {
+            if !add(alpha, depth, candidate) {
                 break;
             }
         }
     } else {
         for candidate in candidates {
             if let Some((alpha, depth)) = candidate.alpha(pixel, ray)
-                && !blend.add(alpha, depth, candidate.colour, options)
+                && !add(alpha, depth, candidate)
             {
                 break;
             }
         }
     }
-    blend.finish(options)
 }
 
 /// A pixel while it is blended.

@@ -1,0 +1,174 @@
+//! Scenes with fewer splats.
+
+use motes_scenes::Splats;
+
+use super::merge::{self, Alike};
+use super::refit::{Goal, refit};
+use super::{Census, Importance};
+use crate::reference::{ReferenceError, ReferenceOptions};
+
+/// By what splats are ranked.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Rank {
+    /// How much the pictures would change without it ([`Importance::change`]).
+    #[default]
+    Change,
+    /// Visible blending weight, summed over all pixels ([`Importance::weight`]).
+    Weight,
+    /// Largest visible blending weight at a pixel ([`Importance::peak`]).
+    Peak,
+    /// Opacity: the cut of the report's figure 17 (`002`), the naive baseline.
+    Opacity,
+}
+
+impl Rank {
+    /// A value per splat; the lower, the less it is missed.
+    pub fn values(self, splats: &Splats, importance: &Importance) -> Vec<f64> {
+        match self {
+            Self::Change => importance.change.clone(),
+            Self::Weight => importance.weight.clone(),
+            Self::Peak => importance.peak.clone(),
+            Self::Opacity => splats.opacities.iter().map(|&o| f64::from(o)).collect(),
+        }
+    }
+}
+
+/// Splats with the lowest value first; equal values in the scene's order.
+pub fn lowest_first(values: &[f64]) -> Vec<u32> {
+    let mut order: Vec<u32> = (0..values.len() as u32).collect();
+    order.sort_by(|&a, &b| values[a as usize].total_cmp(&values[b as usize]));
+    order
+}
+
+/// How a scene is simplified.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Simplify {
+    /// Splats to keep.
+    pub keep: usize,
+    /// What goes first.
+    pub rank: Rank,
+    /// Which neighbours are merged first, for at most half of what has to go; none: no merging.
+    pub merge: Option<Alike>,
+    /// Rounds of ranking: splats that hide each other's absence must not all go at once.
+    pub rounds: usize,
+    /// Sweeps of the re-fit after each round; 0: colours and opacities stay.
+    pub sweeps: usize,
+}
+
+impl Default for Simplify {
+    fn default() -> Self {
+        Self { keep: 0, rank: Rank::Change, merge: Some(Alike::default()), rounds: 2, sweeps: 6 }
+    }
+}
+
+/// What was done.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Done {
+    /// Pairs that became one.
+    pub merged: usize,
+    /// Splats that were removed.
+    pub pruned: usize,
+}
+
+/// Simplifies a scene so that it still looks like the goals, whose pictures are the whole scene's. A scene that has no more
+/// splats than are to be kept stays as it is.
+///
+/// # Errors
+/// The reference's.
+pub fn simplify(
+    splats: &mut Splats,
+    goals: &[Goal],
+    options: &ReferenceOptions,
+    how: &Simplify,
+    mut told: impl FnMut(&str),
+) -> Result<Done, ReferenceError> {
+    let mut done = Done::default();
+    let rounds = how.rounds.max(1);
+    let excess = splats.len().saturating_sub(how.keep);
+    for round in 1..=rounds {
+        // The same share of the way in each round.
+        let target = how.keep + excess * (rounds - round) / rounds;
+        if splats.len() <= target {
+            continue;
+        }
+        if let Some(alike) = how.merge {
+            told("merging neighbours");
+            let pairs = merge::pairs(splats, alike, (splats.len() - target) / 2);
+            done.merged += pairs.len();
+            merge::merge(splats, &pairs);
+        }
+        if how.rank == Rank::Opacity {
+            prune(splats, &Rank::Opacity.values(splats, &Importance::default()), target, &mut done);
+        } else {
+            told("ranking splats");
+            let mut census = Census::new(splats.len());
+            for goal in goals {
+                census.look(splats, &goal.view, options)?;
+            }
+            prune(splats, &how.rank.values(splats, &census.finish()), target, &mut done);
+        }
+        if how.sweeps > 0 {
+            told("fitting colours and opacities");
+            refit(splats, goals, options, how.sweeps)?;
+        }
+    }
+    Ok(done)
+}
+
+fn prune(splats: &mut Splats, values: &[f64], target: usize, done: &mut Done) {
+    let order = lowest_first(values);
+    let excess = splats.len().saturating_sub(target);
+    let mut gone = vec![false; splats.len()];
+    for &i in &order[..excess] {
+        gone[i as usize] = true;
+    }
+    splats.retain(|i| !gone[i]);
+    done.pruned += excess;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::refit::residual;
+    use super::super::tests::ahead;
+    use super::*;
+    use crate::View;
+    use glam::DVec3;
+    use motes_scenes::synthetic::Recipe;
+
+    /// Half of a scene's splats look more like the whole when they were chosen and fitted than when they were cut by opacity.
+    #[test]
+    fn simplified_scenes_look_like_the_whole_one() {
+        let whole = Recipe { count: 600, seed: 3, ..Default::default() }.still();
+        let options = ReferenceOptions { stop_below: 1e-4, ..Default::default() };
+        let middle = DVec3::from_array(whole.origin);
+        let views: Vec<View> = (0..4)
+            .map(|k| {
+                let turn = f64::from(k) * 1.57;
+                let eye = middle + DVec3::new(turn.sin(), -0.3, turn.cos()) * 12.0;
+                View::look_at(eye, middle, DVec3::NEG_Y, ahead().fov, [48, 48])
+            })
+            .collect();
+        let goals: Vec<Goal> = views.iter().map(|v| Goal::of(&whole, v, &options).unwrap()).collect();
+        let run = |how: Simplify| {
+            let mut splats = whole.clone();
+            let done = simplify(&mut splats, &goals, &options, &how, |_| ()).unwrap();
+            assert_eq!(splats.len(), how.keep.min(600));
+            assert_eq!(done.merged + done.pruned, 600 - splats.len());
+            residual(&splats, &goals, &options).unwrap()
+        };
+        let plain = Simplify { keep: 300, merge: None, rounds: 1, sweeps: 0, ..Default::default() };
+        let ours = run(Simplify { keep: 300, ..Default::default() });
+        let chosen = run(plain);
+        let cut = run(Simplify { rank: Rank::Opacity, ..plain });
+        assert!(ours < chosen && chosen < 0.7 * cut, "{ours} {chosen} {cut}");
+        assert_eq!(
+            run(Simplify { keep: 10_000, ..plain }),
+            0.0_f64.max(run(Simplify { keep: 600, ..plain }))
+        );
+    }
+
+    #[test]
+    fn ranks_are_stable() {
+        assert_eq!(lowest_first(&[2.0, 1.0, 2.0, 0.0, 1.0]), [3, 1, 4, 0, 2]);
+    }
+}
