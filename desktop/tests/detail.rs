@@ -17,7 +17,7 @@ fn run(arguments: &[&str]) -> Result<String, String> {
 /// Twelve cameras in a circle around the scene.
 fn cameras() -> String {
     let camera = |k: usize| {
-        let (s, c) = (k as f64 * 0.5236).sin_cos();
+        let (s, c) = (k as f64 * std::f64::consts::FRAC_PI_6).sin_cos();
         format!(
             r#"{{"name":"c{k}","R_w2c":[[{c},0,{s}],[0,1,0],[{},0,{c}]],"t_w2c":[0,0,4],
                 "fx":60,"fy":60,"cx":32,"cy":24,"width":64,"height":48}}"#,
