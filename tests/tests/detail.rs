@@ -30,7 +30,7 @@ fn statues() -> (Splats, Vec<u16>) {
 /// Share of the splats that show with at least a tenth of some pixel and have the right class.
 fn right(elected: &Elected, truth: &[u16], seen: &Importance) -> f64 {
     let visible: Vec<usize> = (0..truth.len()).filter(|&i| seen.peak[i] > 0.1).collect();
-    assert!(visible.len() > 10_000, "{} are visible", visible.len());
+    assert!(visible.len() > 5_000, "{} are visible", visible.len());
     visible.iter().filter(|&&i| elected.labels[i] == truth[i]).count() as f64 / visible.len() as f64
 }
 
@@ -41,7 +41,7 @@ fn statues_get_their_files_of_origin_back_from_masks() {
     let (mut weights, mut centres) = (Votes::new(splats.len(), 2), Votes::new(splats.len(), 2));
     let mut wrong = Votes::new(splats.len(), 2);
     let mut census = Census::new(splats.len());
-    for turn in [0.3f64, 1.5, 2.9, 4.4] {
+    for turn in [0.3f64, 2.4, 4.5] {
         let (size, eye) = ([160, 120], DVec3::new(turn.sin(), -0.1, turn.cos()) * 6.0);
         let view = View::look_at(eye, DVec3::ZERO, DVec3::NEG_Y, Fov::vertical(1.0, size), size);
         let mask = mask_of(&splats, &truth, &view, 0.5, &options).unwrap();
