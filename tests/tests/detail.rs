@@ -57,7 +57,8 @@ fn statues_get_their_files_of_origin_back_from_masks() {
     let control = right(&wrong.elect_among_neighbours(&splats), &truth, &seen);
     println!("by weight {by_weight:.4}, by centres {by_centres:.4}, masks mirrored {control:.4}");
     assert!(by_weight >= 0.99, "{by_weight}");
-    assert!(by_weight >= by_centres && control < 0.9, "{by_centres} {control}");
+    // Side by side, neither statue hides the other: centres do as well. Masks of another picture do not.
+    assert!(by_centres >= 0.99 && control < 0.9, "{by_centres} {control}");
 }
 
 #[test]
