@@ -294,7 +294,7 @@ fn fit(args: &FitArgs) -> Result<(), CommandError> {
         let points: Vec<[f64; 2]> = means.iter().map(|p| [p[0].max(1.0).ln(), p[1]]).collect();
         let found = line(&points);
         if let Some(l) = found {
-            let Line { a, b, residual, r2 } = l;
+            let Line { a, b, residual, r2, .. } = l;
             let _ = writeln!(text, "  {name:24} a {a:8.4}  b {b:8.4}  residual {residual:.4}  R² {r2:.3}");
         }
         lines.push(OverIterations { class, name: name.clone(), means, line: found });

@@ -11,6 +11,8 @@ pub const LEAST_VIEWS: usize = 10;
 const LEAST_DISTANCES: usize = 4;
 /// A logarithm that explains less than this of the spread within views falls back to a table of steps.
 const LEAST_R2: f64 = 0.3;
+/// Nor is a slope believed that is less than so many standard errors above 0: a few means line up by chance.
+const LEAST_SLOPE: f64 = 3.0;
 /// Observations count less the further they lie off (Huber): beyond so many residuals' deviations.
 const HUBER: f64 = 2.5;
 
@@ -25,6 +27,8 @@ pub struct Line {
     pub residual: f64,
     /// Coefficient of determination.
     pub r2: f64,
+    /// Standard error of the slope.
+    pub error: f64,
 }
 
 /// The least-squares line; `None` where all `x` are one.
@@ -39,7 +43,7 @@ pub fn line(points: &[[f64; 2]]) -> Option<Line> {
     }
     let (a, b) = (xy / xx, my - xy / xx * mx);
     let (residual, r2) = quality_of(points.iter().map(|p| (p[1], a * p[0] + b)));
-    Some(Line { a, b, residual, r2 })
+    Some(Line { a, b, residual, r2, error: residual / xx.sqrt() })
 }
 
 /// Root mean square residual and coefficient of determination of (observed, predicted) pairs.
@@ -122,7 +126,7 @@ pub fn fit(observations: &[Observation], class: u16, name: &str, least_views: us
     // Whether the logarithm holds is seen on the means: views differ for reasons of their own.
     let of_means = line(&means.iter().map(|p| [p[0].max(1.0).ln(), p[1]]).collect::<Vec<_>>());
     let quality = match (logarithm, of_means) {
-        (Some(l), Some(m)) if m.r2 >= LEAST_R2 && l.a > 0.0 => {
+        (Some(l), Some(m)) if m.r2 >= LEAST_R2 && l.a > LEAST_SLOPE * l.error => {
             let logarithm = Quality::Logarithm { a: l.a, b: l.b };
             match curve(&mine, l) {
                 Some(curve) if curve_predicts_better(&mine, &views) => curve,
