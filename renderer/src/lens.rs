@@ -110,13 +110,19 @@ impl Lens {
         Ok(())
     }
 
+    /// Whether one pass does not show a view: more than half of the way round.
+    pub(crate) fn splits(self, view: &View) -> bool {
+        let width = view.size[0];
+        // Half of an odd number of columns is one more than half.
+        let all_but_one = (view.fov.right - view.fov.left) * (1.0 - 1.0 / f64::from(width.max(1)));
+        self == Self::Equirectangular && all_but_one > PI + SPARE && width >= 2
+    }
+
     /// The views that a picture is drawn in, side by side. One, but for an equirectangular one that shows more than half
     /// of the way round: there a splat may lie on both edges, and in halves it lies on one edge of each.
     pub(crate) fn parts(self, view: &View) -> Vec<View> {
         let [width, height] = view.size;
-        // Half of an odd number of columns is one more than half.
-        let all_but_one = (view.fov.right - view.fov.left) * (1.0 - 1.0 / f64::from(width.max(1)));
-        if self != Self::Equirectangular || all_but_one <= PI + SPARE || width < 2 {
+        if !self.splits(view) {
             return vec![*view];
         }
         let left = width.div_ceil(2);

@@ -398,7 +398,7 @@ impl Renderer {
         for view in views {
             view.check()?;
             config.lens.check(view)?;
-            if config.lens.parts(view).len() > 1 {
+            if config.lens.splits(view) {
                 let reason = "lens equirectangular: more than half of the way round is drawn in two halves (Offscreen)";
                 return Err(GpuError::Config(crate::ConfigError(reason.into())));
             }
