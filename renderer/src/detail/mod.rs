@@ -7,7 +7,7 @@
 //!
 //! * [`Census`]: what each splat gives to pictures from many views.
 //! * [`vote`]: from classes of pixels to classes of splats.
-//! * [`parasites`], [`merge`], [`refit`], and [`simplify`], which uses them: scenes that look the same with less.
+//! * [`parasites`], [`merge`], [`refit`], and [`simplify()`], which uses them: scenes that look the same with less.
 
 pub mod merge;
 pub mod parasites;
