@@ -8,6 +8,7 @@
 
 pub mod cameras;
 mod chunks;
+pub mod early;
 mod error;
 mod format;
 mod formats;
@@ -30,7 +31,9 @@ pub mod synthetic;
 pub use error::SceneError;
 pub use format::Format;
 pub use formats::streamed_sog::{StreamedLevel, streamed_levels};
-pub use load::{CancelToken, Limits, LoadOptions, Progress, Scene, load, load_bytes, load_many};
+pub use load::{
+    CancelToken, EarlyCallback, Limits, LoadOptions, Progress, Scene, load, load_bytes, load_many,
+};
 pub use report::{DropReason, LoadReport, SourceInfo};
 pub use sample::sample;
 pub use sanitise::{

@@ -84,11 +84,17 @@ impl Default for Limits {
 /// Called on loading threads, some hundred times a file at most.
 pub type ProgressCallback = Arc<dyn Fn(&Progress) + Send + Sync>;
 
+/// Called on the thread that loads, before it goes on, with a part of the scene ([`crate::early`]).
+pub type EarlyCallback = Arc<dyn Fn(Scene) + Send + Sync>;
+
 /// How to load.
 #[derive(Clone, Default)]
 pub struct LoadOptions {
     /// Told how far loading is.
     pub progress: Option<ProgressCallback>,
+    /// Given parts of a large scene before the whole is read, to be shown meanwhile; what is loaded is the same with it
+    /// and without. Scenes that are merged from several files come in one piece.
+    pub early: Option<EarlyCallback>,
     /// Stops loading.
     pub cancel: CancelToken,
     /// What a scene may need at most.
@@ -129,6 +135,16 @@ impl<'a> LoadContext<'a> {
     /// The options.
     pub(crate) fn options(&self) -> &LoadOptions {
         self.options
+    }
+
+    /// Who is given parts of the scene.
+    pub(crate) fn early(&self) -> Option<&EarlyCallback> {
+        self.options.early.as_ref().filter(|_| self.files == 1)
+    }
+
+    /// Whether the file says that it was trained with a compensated low-pass filter.
+    pub(crate) fn is_antialiased(&self) -> bool {
+        self.antialiased.load(Ordering::Relaxed)
     }
 
     /// Call before allocating: whether `count` splats of this kind may be had. `count` must already be known
@@ -265,7 +281,7 @@ fn load_source(source: &Source, context: LoadContext<'_>) -> Result<Scene, Scene
         bytes: source.len() + context.bytes_on_disk.load(Ordering::Relaxed),
         splats: 0..splats.len(),
         sh_degree: splats.sh_degree,
-        antialiased: context.antialiased.load(Ordering::Relaxed),
+        antialiased: context.is_antialiased(),
     };
     let warnings = context.warnings.into_inner().unwrap_or_else(PoisonError::into_inner);
     let report = LoadReport {

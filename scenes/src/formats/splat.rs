@@ -7,7 +7,8 @@
 use std::io::Write;
 
 use super::values::{color_of_dc, dc_of_color, f32_at};
-use crate::chunks::{SplatsMut, count_rows, read_rows};
+use crate::chunks::{SplatsMut, count_rows};
+use crate::early::read_rows;
 use crate::load::LoadContext;
 use crate::source::Source;
 use crate::{SceneError, Splats};
@@ -18,7 +19,8 @@ const ROW_BYTES: usize = 32;
 pub(crate) fn read(source: &Source, ctx: &LoadContext<'_>) -> Result<Splats, SceneError> {
     let n = ctx.admit(source, count_rows(source, 0, ROW_BYTES)?, 0, false)?;
     let mut splats = Splats::zeroed(n, 0, false);
-    read_rows(source, ctx, 0, ROW_BYTES, SplatsMut::all(&mut splats), |bytes, out| {
+    let out = SplatsMut::all(&mut splats);
+    read_rows(source, ctx, 0, ROW_BYTES, [0.0; 3], out, |bytes, out| {
         for (i, row) in bytes.chunks_exact(ROW_BYTES).enumerate() {
             out.means[i] = std::array::from_fn(|k| f32_at(row, 4 * k));
             out.log_scales[i] = std::array::from_fn(|k| f32_at(row, 12 + 4 * k).ln());

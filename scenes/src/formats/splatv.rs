@@ -6,7 +6,8 @@
 //! (2 halves). A width that overflows its half is infinite: the splat is always there.
 
 use super::values::{dc_of_color, f16_at, f32_at, u32_at};
-use crate::chunks::{SplatsMut, count_rows, read_rows};
+use crate::chunks::{SplatsMut, count_rows};
+use crate::early::read_rows;
 use crate::load::LoadContext;
 use crate::source::Source;
 use crate::{SceneError, Splats};
@@ -24,7 +25,8 @@ pub(crate) fn read(source: &Source, ctx: &LoadContext<'_>) -> Result<Splats, Sce
     // The JSON text speaks of a texture's size, which may be larger than what is there: the bytes decide.
     let n = ctx.admit(source, count_rows(source, offset, ROW_BYTES)?, 0, true)?;
     let mut splats = Splats::zeroed(n, 0, true);
-    read_rows(source, ctx, offset, ROW_BYTES, SplatsMut::all(&mut splats), |bytes, mut out| {
+    let out = SplatsMut::all(&mut splats);
+    read_rows(source, ctx, offset, ROW_BYTES, [0.0; 3], out, |bytes, mut out| {
         for (i, row) in bytes.chunks_exact(ROW_BYTES).enumerate() {
             let quaternion =
                 |at: usize| [f16_at(row, at + 2), f16_at(row, at + 4), f16_at(row, at + 6), f16_at(row, at)];

@@ -4,7 +4,8 @@ use ply_rs_bw::ply::{PropertyType, ScalarType};
 
 use super::header::{Element, scalar_bytes};
 use super::layout::{Layout, Row};
-use crate::chunks::{SplatsMut, read_rows};
+use crate::chunks::SplatsMut;
+use crate::early::read_rows;
 use crate::load::LoadContext;
 use crate::source::Source;
 use crate::{SceneError, recentre};
@@ -107,7 +108,7 @@ pub(crate) fn read_fixed(
 
     if !big_endian && fields.iter().all(|(_, scalar)| *scalar == ScalarType::Float) {
         let offsets: Vec<usize> = fields.iter().map(|(offset, _)| *offset).collect();
-        read_rows(source, ctx, offset, row_bytes, out, |bytes, mut out| {
+        read_rows(source, ctx, offset, row_bytes, [0.0; 3], out, |bytes, mut out| {
             for (i, bytes) in bytes.chunks_exact(row_bytes).enumerate() {
                 layout.store(&PackedRow { bytes, offsets: &offsets }, [0.0; 3], &mut out, i);
             }
@@ -126,7 +127,7 @@ pub(crate) fn read_fixed(
         }
         origin = recentre::centre(samples.into_iter());
     }
-    read_rows(source, ctx, offset, row_bytes, out, |bytes, mut out| {
+    read_rows(source, ctx, offset, row_bytes, origin, out, |bytes, mut out| {
         for (i, bytes) in bytes.chunks_exact(row_bytes).enumerate() {
             layout.store(&TypedRow { bytes, fields: &fields, big_endian }, origin, &mut out, i);
         }
