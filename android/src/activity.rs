@@ -7,14 +7,12 @@ use std::time::Duration;
 
 use android_activity::{AndroidApp, MainEvent, PollEvent};
 use motes_app::headset::HeadsetSettings;
-use motes_app::loader::Storage;
+use motes_app::loader::{SceneSource, Storage};
 use motes_renderer::RenderConfig;
 use motes_renderer::plan::Overrides;
 use motes_scenes::sample;
 use motes_xr::bindings::Bindings;
-use motes_xr::{
-    Platform, RuntimeOptions, SceneSource, SessionOptions, ShowError, ShowOptions, Visit, scenes_in, show,
-};
+use motes_xr::{Platform, RuntimeOptions, SessionOptions, ShowError, ShowOptions, Visit, scenes_in, show};
 
 use crate::report;
 

@@ -1,7 +1,7 @@
 //! Loads a scene on a thread of its own, so that whoever shows it never stands still: reading, packing, uploading.
 
-use std::path::PathBuf;
-use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 
@@ -9,8 +9,9 @@ use motes_renderer::gpu::{Gpu, GpuError};
 use motes_renderer::plan::{Overrides, Plan};
 use motes_renderer::{Packing, SceneOnDevice};
 use motes_scenes::statement::Statement;
-use motes_scenes::{CancelToken, LoadOptions, SceneError};
+use motes_scenes::{CancelToken, EarlyCallback, LoadOptions, Scene, SceneError};
 
+use crate::framing::Framing;
 use crate::opened::{Opened, name_of};
 
 /// Why a scene is not there.
@@ -25,6 +26,15 @@ pub enum LoadError {
     /// The system gives no thread, or the thread ended without a word.
     #[error("loading: {0}")]
     Thread(String),
+}
+
+/// From where a scene comes.
+#[derive(Clone, Debug)]
+pub enum SceneSource {
+    /// Files or folders, merged; the sample where there is none.
+    Files(Vec<PathBuf>),
+    /// One that was read before.
+    Memory(Arc<Opened>),
 }
 
 /// How a scene is to be stored on the device.
@@ -56,8 +66,21 @@ pub struct Loaded {
     pub opened: Arc<Opened>,
     /// The scene on the device.
     pub scene: SceneOnDevice,
-    /// The plan by which it is stored, where there is one.
+    /// Its dense part.
+    pub framing: Framing,
+    /// The plan by which it is stored, where there is one; none of a part.
     pub plan: Option<Plan>,
+    /// All of it, and the last that comes; else a part of it ([`motes_scenes::early`]).
+    pub whole: bool,
+}
+
+impl Loaded {
+    fn new(gpu: &Arc<Gpu>, opened: Arc<Opened>, storage: Storage, whole: bool) -> Result<Self, GpuError> {
+        let (packing, plan) = storage.of(&opened);
+        let scene = SceneOnDevice::new(gpu, &opened.scene.splats, packing)?;
+        let framing = Framing::of(&opened.scene.splats, &opened.settings);
+        Ok(Self { opened, scene, framing, plan: plan.filter(|_| whole), whole })
+    }
 }
 
 /// How far loading is.
@@ -73,8 +96,63 @@ pub struct Loading {
 pub struct Loader {
     progress: Arc<Mutex<Loading>>,
     cancel: CancelToken,
-    result: Receiver<Result<Loaded, LoadError>>,
+    results: Receiver<Result<Loaded, LoadError>>,
     thread: Option<JoinHandle<()>>,
+}
+
+/// What the loading thread works with.
+struct Worker {
+    gpu: Arc<Gpu>,
+    storage: Storage,
+    progress: Arc<Mutex<Loading>>,
+    cancel: CancelToken,
+    results: Sender<Result<Loaded, LoadError>>,
+}
+
+impl Worker {
+    fn tell(&self, what: String, fraction: f32) {
+        tell(&self.progress, what, fraction);
+    }
+
+    /// Reads scenes, and hands parts of them over on the way.
+    fn read(&self, paths: &[PathBuf]) -> Result<Opened, SceneError> {
+        let shown = self.progress.clone();
+        let options = LoadOptions {
+            cancel: self.cancel.clone(),
+            progress: Some(Arc::new(move |p| {
+                let several =
+                    if p.files > 1 { format!(" ({} of {})", p.file + 1, p.files) } else { String::new() };
+                let fraction = (p.file as f32 + p.fraction) / p.files.max(1) as f32;
+                tell(&shown, format!("reading {}{several}", name_of(&p.path)), fraction);
+            })),
+            early: paths.first().map(|path| self.early(path)),
+            ..Default::default()
+        };
+        Opened::load_to_play(paths, &options)
+    }
+
+    /// Brings parts of a scene to the device.
+    fn early(&self, path: &Path) -> EarlyCallback {
+        let (gpu, storage, results) = (self.gpu.clone(), self.storage, self.results.clone());
+        let path = path.to_owned();
+        Arc::new(move |part: Scene| {
+            let opened = Opened::part(&path, part).map(Arc::new).map_err(LoadError::from);
+            match opened.and_then(|opened| Ok(Loaded::new(&gpu, opened, storage, false)?)) {
+                // Nobody waits any more where it is not taken; it is dropped then.
+                Ok(loaded) => drop(results.send(Ok(loaded))),
+                Err(error) => log::warn!("a part of the scene cannot be shown: {error}"),
+            }
+        })
+    }
+
+    fn load(&self, source: SceneSource) -> Result<Loaded, LoadError> {
+        let opened = match source {
+            SceneSource::Files(paths) => Arc::new(self.read(&paths)?),
+            SceneSource::Memory(opened) => opened,
+        };
+        self.tell(format!("uploading {}", opened.name), 1.0);
+        Ok(Loaded::new(&self.gpu, opened, self.storage, true)?)
+    }
 }
 
 fn tell(progress: &Mutex<Loading>, what: String, fraction: f32) {
@@ -84,59 +162,26 @@ fn tell(progress: &Mutex<Loading>, what: String, fraction: f32) {
 }
 
 impl Loader {
-    /// Begins to read scenes (the sample where none is named) and to bring them to the device.
+    /// Begins to bring a scene to the device.
     ///
     /// # Errors
     /// The system gives no thread.
-    pub fn open(gpu: &Arc<Gpu>, paths: Vec<PathBuf>, storage: Storage) -> Result<Self, LoadError> {
-        Self::start(gpu, storage, move |progress, cancel| {
-            let shown = progress.clone();
-            let options = LoadOptions {
-                cancel,
-                progress: Some(Arc::new(move |p| {
-                    let several =
-                        if p.files > 1 { format!(" ({} of {})", p.file + 1, p.files) } else { String::new() };
-                    let fraction = (p.file as f32 + p.fraction) / p.files.max(1) as f32;
-                    tell(&shown, format!("reading {}{several}", name_of(&p.path)), fraction);
-                })),
-                ..Default::default()
-            };
-            Ok(Arc::new(Opened::load_to_play(&paths, &options)?))
-        })
-    }
-
-    /// Begins to bring a scene to the device in another packing.
-    ///
-    /// # Errors
-    /// The system gives no thread.
-    pub fn pack(gpu: &Arc<Gpu>, opened: Arc<Opened>, packing: Packing) -> Result<Self, LoadError> {
-        Self::start(gpu, Storage::As(packing), move |_, _| Ok(opened))
-    }
-
-    fn start(
-        gpu: &Arc<Gpu>,
-        storage: Storage,
-        open: impl FnOnce(&Arc<Mutex<Loading>>, CancelToken) -> Result<Arc<Opened>, SceneError> + Send + 'static,
-    ) -> Result<Self, LoadError> {
+    pub fn start(gpu: &Arc<Gpu>, source: SceneSource, storage: Storage) -> Result<Self, LoadError> {
         let progress = Arc::new(Mutex::new(Loading { what: "opening".into(), fraction: 0.0 }));
         let cancel = CancelToken::default();
-        let (sender, result) = channel();
-        let (gpu, shown, token) = (gpu.clone(), progress.clone(), cancel.clone());
+        let (sender, results) = channel();
+        let worker = Worker {
+            gpu: gpu.clone(),
+            storage,
+            progress: progress.clone(),
+            cancel: cancel.clone(),
+            results: sender,
+        };
         let thread = std::thread::Builder::new()
             .name("load".into())
-            .spawn(move || {
-                let load = || {
-                    let opened = open(&shown, token)?;
-                    tell(&shown, format!("uploading {}", opened.name), 1.0);
-                    let (packing, plan) = storage.of(&opened);
-                    let scene = SceneOnDevice::new(&gpu, &opened.scene.splats, packing)?;
-                    Ok(Loaded { opened, scene, plan })
-                };
-                // Nobody waits any more where it is not taken; it is dropped then.
-                let _ = sender.send(load());
-            })
+            .spawn(move || drop(worker.results.send(worker.load(source))))
             .map_err(|e| LoadError::Thread(e.to_string()))?;
-        Ok(Self { progress, cancel, result, thread: Some(thread) })
+        Ok(Self { progress, cancel, results, thread: Some(thread) })
     }
 
     /// Asks it to stop, without waiting.
@@ -149,9 +194,10 @@ impl Loader {
         self.progress.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// The result, once it is there. Never waits.
+    /// What has come since: parts of a large scene, each with more of it than the one before, then the whole scene or
+    /// an error, which is the last. Never waits.
     pub fn poll(&mut self) -> Option<Result<Loaded, LoadError>> {
-        match self.result.try_recv() {
+        match self.results.try_recv() {
             Ok(result) => Some(result),
             Err(TryRecvError::Empty) => None,
             Err(TryRecvError::Disconnected) => {

@@ -59,7 +59,21 @@ impl Opened {
             [first, ..] => first,
         };
         let found = Settings::load(first)?;
-        let mut scene = load_many(paths, options)?;
+        let mut opened = Self::with(paths, found, load_many(paths, options)?);
+        opened.classes = classes(paths, &mut opened.scene);
+        Ok(opened)
+    }
+
+    /// A part of a scene that is being read, with what belongs to it but for labels.
+    ///
+    /// # Errors
+    /// Its settings cannot be read.
+    pub fn part(path: &Path, part: Scene) -> Result<Self, SceneError> {
+        Ok(Self::with(&[path.to_owned()], Settings::load(path)?, part))
+    }
+
+    /// A scene with the settings that were found, and the cameras beside it.
+    fn with(paths: &[PathBuf], found: Option<Settings>, mut scene: Scene) -> Self {
         let settings_found = found.is_some();
         let settings = found.unwrap_or_else(|| {
             scene.sources.first().map(|s| Settings::for_format(s.format)).unwrap_or_default()
@@ -74,18 +88,17 @@ impl Opened {
                 }
             }
         }
-        let name = name_of(first);
-        let classes = classes(paths, &mut scene);
-        Ok(Self {
-            name,
-            path: Some(first.clone()),
+        let path = paths.first().cloned();
+        Self {
+            name: path.as_deref().map(name_of).unwrap_or_default(),
+            path,
             scene,
             settings,
             settings_found,
             cameras,
             frames: Vec::new(),
-            classes,
-        })
+            classes: Vec::new(),
+        }
     }
 
     /// As [`Opened::load`], but of a folder of numbered scenes it opens the first and lists them all: to be played.
@@ -98,7 +111,9 @@ impl Opened {
             return Self::load(paths, options);
         }
         let frames = sequence_frames(folder)?;
-        let opened = Self::load(&frames[..frames.len().min(1)], options)?;
+        // Frames follow each other faster than parts of one would.
+        let options = LoadOptions { early: None, ..options.clone() };
+        let opened = Self::load(&frames[..frames.len().min(1)], &options)?;
         Ok(Self { name: name_of(folder), frames, ..opened })
     }
 }

@@ -15,7 +15,7 @@ use motes_scenes::settings::Settings;
 use crate::eye::{Eye, EyeMode, EyeMotion};
 use crate::framing::Framing;
 use crate::governor::Governor;
-use crate::loader::{LoadError, Loaded, Loader, Loading, Storage};
+use crate::loader::{LoadError, Loaded, Loader, Loading, SceneSource, Storage};
 use crate::opened::Opened;
 use crate::sequence::{BUDGET, SequenceOnDevice};
 use crate::time::{TimeCommand, TimeControl};
@@ -59,6 +59,8 @@ pub struct Stage {
     pub camera: Option<usize>,
     /// What it calls for, where it was loaded by plan.
     pub plan: Option<Plan>,
+    /// Only a part of it is there, and more is on its way.
+    pub partial: bool,
     sorting: SortWorker,
 }
 
@@ -140,11 +142,15 @@ impl Viewer {
     pub fn open(&mut self, paths: Vec<PathBuf>) {
         let storage =
             self.by_plan.map_or_else(|| Storage::As(Packing::of_config(&self.config)), Storage::Planned);
-        let loader = Loader::open(&self.gpu, paths, storage);
-        self.load(loader);
+        // What is on show stays a part: the rest of it is cancelled.
+        if let Some(stage) = &mut self.stage {
+            stage.partial = false;
+        }
+        self.load(SceneSource::Files(paths), storage);
     }
 
-    fn load(&mut self, loader: Result<Loader, LoadError>) {
+    fn load(&mut self, source: SceneSource, storage: Storage) {
+        let loader = Loader::start(&self.gpu, source, storage);
         if let Some(before) = self.loading.take() {
             before.cancel();
             self.cancelled.push(before);
@@ -178,7 +184,9 @@ impl Viewer {
         self.cancelled.retain_mut(|loader| loader.poll().is_none());
         let mut replaced = None;
         if let Some(result) = self.loading.as_mut().and_then(Loader::poll) {
-            self.loading = None;
+            if !matches!(result, Ok(Loaded { whole: false, .. })) {
+                self.loading = None;
+            }
             match result.and_then(|loaded| self.show(loaded)) {
                 Ok(before) => replaced = before,
                 Err(error) => self.message = Some(error.to_string()),
@@ -201,8 +209,8 @@ impl Viewer {
     }
 
     fn show(&mut self, loaded: Loaded) -> Result<Option<Stage>, LoadError> {
-        let Loaded { opened, scene, plan } = loaded;
-        let same = self.stage.as_ref().is_some_and(|s| Arc::ptr_eq(&s.opened, &opened));
+        let Loaded { opened, scene, framing, plan, whole } = loaded;
+        let repacked = self.stage.as_ref().is_some_and(|s| Arc::ptr_eq(&s.opened, &opened));
         let sorting =
             SortWorker::new(scene.positions.clone()).map_err(|e| LoadError::Thread(e.to_string()))?;
         let sequence = if opened.frames.is_empty() {
@@ -212,20 +220,25 @@ impl Viewer {
                 .map_err(|e| LoadError::Thread(e.to_string()))?;
             Some((sequence, None))
         };
-        if let (true, Some(stage)) = (same, &mut self.stage) {
-            let settings = stage.settings.clone();
-            let (framing, camera, plan) = (stage.framing, stage.camera, stage.plan.clone());
-            let stage = Stage { opened, settings, scene, sequence, framing, camera, plan, sorting };
-            return Ok(self.stage.replace(stage));
+        if !repacked {
+            self.message = opened.scene.report.warnings.first().cloned();
         }
-        let settings = opened.settings.clone();
-        let framing = Framing::of(&opened.scene.splats, &settings);
-        self.message = opened.scene.report.warnings.first().cloned();
-        self.time = sequence.as_ref().map_or_else(TimeControl::default, |(s, _)| s.time_control());
+        let partial = !whole;
         if let Some(plan) = &plan {
             self.config = plan.apply(&self.config);
         }
-        let stage = Stage { opened, settings, scene, sequence, framing, camera: None, plan, sorting };
+        if let Some(before) = self.stage.as_ref().filter(|s| repacked || s.partial) {
+            // The same scene, or more of it: the eye stays, and what the user changed.
+            let framing = Framing { up: before.framing.up, ..framing };
+            let (settings, camera) = (before.settings.clone(), before.camera);
+            let plan = plan.or_else(|| before.plan.clone());
+            let stage = Stage { opened, settings, scene, sequence, framing, camera, plan, partial, sorting };
+            return Ok(self.stage.replace(stage));
+        }
+        let settings = opened.settings.clone();
+        self.time = sequence.as_ref().map_or_else(TimeControl::default, |(s, _)| s.time_control());
+        let stage =
+            Stage { opened, settings, scene, sequence, framing, camera: None, plan, partial, sorting };
         let before = self.stage.replace(stage);
         self.eye = Eye::of(&framing, self.eye.mode, VERTICAL_FOV);
         self.reset();
@@ -244,8 +257,7 @@ impl Viewer {
             && wanted.sh_precision == stored.sh_precision
             && wanted.sh_degree <= stored.sh_degree;
         if !fits && self.loading.is_none() {
-            let loader = Loader::pack(&self.gpu, stage.opened.clone(), wanted);
-            self.load(loader);
+            self.load(SceneSource::Memory(stage.opened.clone()), Storage::As(wanted));
         }
     }
 

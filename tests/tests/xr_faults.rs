@@ -3,7 +3,7 @@
 
 use clap::Parser;
 use motes_app::headset::Comfort;
-use motes_app::loader::Storage;
+use motes_app::loader::{SceneSource, Storage};
 use motes_app::opened::Opened;
 use motes_desktop::commands::xr::{Outcome, XrArgs, run};
 use motes_renderer::{Packing, Precision, RenderConfig, ShPrecision};
@@ -11,8 +11,8 @@ use motes_scenes::LoadOptions;
 use motes_tests::monado::{Inside, Monado, Source, inside, log_to_stderr};
 use motes_tests::sample;
 use motes_xr::{
-    Content, Headset, Runtime, RuntimeHeadset, RuntimeOptions, SceneSource, SessionOptions, SessionState,
-    ShowOptions, Viewer, show,
+    Content, Headset, Runtime, RuntimeHeadset, RuntimeOptions, SessionOptions, SessionState, ShowOptions,
+    Viewer, show,
 };
 use std::time::Duration;
 

@@ -28,7 +28,7 @@ pub struct FirstView {
 
 impl FirstView {
     /// The one that the settings name, else the data set's first camera, else one that shows the dense part.
-    pub fn of(opened: &Opened) -> Self {
+    pub fn of(opened: &Opened, framing: &Framing) -> Self {
         let settings = &opened.settings;
         let (eye, forward) = if let Some(view) = &settings.first_view {
             (DVec3::from_array(view.position), DQuat::from_array(view.rotation) * DVec3::Z)
@@ -36,7 +36,6 @@ impl FirstView {
             let view = View::from_camera(camera);
             (view.eye, view.rotation.row(2))
         } else {
-            let framing = Framing::of(&opened.scene.splats, settings);
             let eye = framing.eye(0.0, 0.2, FIRST_FOV);
             (eye, framing.center - eye)
         };
@@ -81,6 +80,19 @@ impl Content {
     /// The device cannot hold it; the error says what would fit.
     pub fn new(gpu: &Arc<Gpu>, opened: &Opened, packing: Packing) -> Result<Self, XrError> {
         let scene = SceneOnDevice::new(gpu, &opened.scene.splats, packing)?;
+        Self::of(gpu, opened, scene, &Framing::of(&opened.scene.splats, &opened.settings))
+    }
+
+    /// An opened scene that is on the device.
+    ///
+    /// # Errors
+    /// The system gives no thread for the frames of a sequence.
+    pub fn of(
+        gpu: &Arc<Gpu>,
+        opened: &Opened,
+        scene: SceneOnDevice,
+        framing: &Framing,
+    ) -> Result<Self, XrError> {
         let sequence = if opened.frames.is_empty() {
             None
         } else {
@@ -91,7 +103,7 @@ impl Content {
             scene,
             sequence,
             scene_to_world: opened.settings.scene_to_world(),
-            first_view: FirstView::of(opened),
+            first_view: FirstView::of(opened, framing),
             about: Some(About {
                 name: opened.name.clone(),
                 path: opened.path.clone(),

@@ -106,6 +106,13 @@ pub enum ScriptStep {
     Ended(SessionState),
 }
 
+impl ScriptStep {
+    /// Whether a scene was drawn in it.
+    fn is_drawn(&self) -> bool {
+        matches!(self, Self::Frame(frame) if frame.order.is_some())
+    }
+}
+
 /// A recorded or written session.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Script {
@@ -160,6 +167,25 @@ impl Script {
             Some(images) => Ok(Self { images, steps }),
             None => Err(error("the file".into(), "is empty".into())),
         }
+    }
+
+    /// The place among the steps of the first frame that a scene was drawn in; none where there is no such frame.
+    pub fn first_drawn(&self) -> Option<usize> {
+        self.steps.iter().position(ScriptStep::is_drawn)
+    }
+
+    /// How many frames a scene was drawn in.
+    pub fn drawn(&self) -> u32 {
+        self.steps.iter().filter(|step| step.is_drawn()).count() as u32
+    }
+
+    /// The display's rate as the first frame says it, Hz, `1 ..= 240`; 72 without frames.
+    pub fn frames_per_second(&self) -> u16 {
+        let frame = self.steps.iter().find_map(|step| match step {
+            ScriptStep::Frame(frame) => Some(frame.time.period),
+            _ => None,
+        });
+        frame.map_or(72, |period| (1e9 / period.max(1) as f64).round().clamp(1.0, 240.0) as u16)
     }
 
     /// Writes a session.

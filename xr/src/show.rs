@@ -1,13 +1,12 @@
 //! A whole visit to the headset: from finding the runtime until the user leaves, through losses of the runtime.
 
-use crate::loader::{LoadError, Loader, SceneSource};
 use crate::{
-    Headset, Platform, Recorder, Runtime, RuntimeHeadset, RuntimeOptions, SessionOptions, SessionState,
-    Viewer, XrError,
+    Content, Headset, Platform, Recorder, Runtime, RuntimeHeadset, RuntimeOptions, SessionOptions,
+    SessionState, Viewer, XrError,
 };
 use motes_app::governor::{Budget, Governor};
 use motes_app::headset::Comfort;
-use motes_app::loader::Storage;
+use motes_app::loader::{LoadError, Loaded, Loader, SceneSource, Storage};
 use motes_app::opened::name_of;
 use motes_renderer::RenderConfig;
 use motes_renderer::gpu::DeviceReport;
@@ -223,32 +222,29 @@ fn run(
     let mut shelf = options.folder.as_deref().map(Shelf::new);
     let before = visit.frames;
     let mut asked = false;
+    // Only a part of what is being loaded is shown.
+    let mut partial = false;
     loop {
-        if let Some(loader) = &mut loading
-            && let Some(loaded) = loader.poll()
-        {
-            loading = None;
-            match loaded {
-                Ok(loaded) => {
-                    for warning in &loaded.opened.scene.report.warnings {
-                        log::warn!("{warning}");
-                    }
-                    log::info!("{}: {} splats", loaded.opened.name, loaded.opened.scene.splats.len());
-                    options.source = SceneSource::Memory(loaded.opened);
-                    if let Some(plan) = &loaded.plan {
-                        viewer.config = plan.apply(&viewer.config);
-                    }
-                    viewer.show(loaded.content)?;
+        match loading.as_mut().and_then(Loader::poll) {
+            None => {}
+            Some(Ok(loaded)) => {
+                if loaded.whole {
+                    loading = None;
+                    options.source = SceneSource::Memory(loaded.opened.clone());
                 }
+                take(&mut viewer, headset, loaded, &mut partial)?;
+            }
+            Some(Err(error)) => {
+                loading = None;
                 // Another scene can be chosen: the user is told, and what was shown stays.
-                Err(error) if shelf.is_some() => {
-                    log::error!("{error}");
-                    viewer.tell(error.to_string());
+                if shelf.is_none() {
+                    return Err(error.into());
                 }
-                Err(error) => return Err(error.into()),
+                log::error!("{error}");
+                viewer.tell(error.to_string());
             }
         }
-        viewer.set_loading(loading.as_ref().map(Loader::progress));
+        viewer.set_loading(loading.as_ref().map(|loader| loader.progress().fraction));
         if let Some(shelf) = &mut shelf {
             if shelf.look() {
                 viewer.offer(shelf.names());
@@ -257,6 +253,7 @@ fn run(
                 log::info!("opening {}", scene.display());
                 let source = SceneSource::Files(vec![scene.clone()]);
                 loading = Some(Loader::start(headset.gpu(), source, options.storage)?);
+                partial = false;
             }
         }
         let ended = viewer.step(headset)?;
@@ -273,6 +270,27 @@ fn run(
             }
         }
     }
+}
+
+/// Shows what was loaded: from its first view on, or in place of the part of it that is shown.
+fn take(
+    viewer: &mut Viewer,
+    headset: &dyn Headset,
+    loaded: Loaded,
+    partial: &mut bool,
+) -> Result<(), XrError> {
+    let Loaded { opened, scene, framing, plan, whole } = loaded;
+    for warning in &opened.scene.report.warnings {
+        log::warn!("{warning}");
+    }
+    let part = if whole { "" } else { ", a part of it" };
+    log::info!("{}: {} splats{part}", opened.name, opened.scene.splats.len());
+    if let Some(plan) = &plan {
+        viewer.config = plan.apply(&viewer.config);
+    }
+    let content = Content::of(headset.gpu(), &opened, scene, &framing)?;
+    let more = std::mem::replace(partial, !whole);
+    if more { viewer.refine(content) } else { viewer.show(content) }
 }
 
 #[cfg(test)]

@@ -1,24 +1,25 @@
 //! A scene in a headset: what happens in each frame.
 
+mod commands;
+mod overlay;
+mod times;
+
+pub use times::FrameTimes;
+
 use crate::panel_screen::PanelScreen;
-use crate::{
-    Content, FirstView, FrameTime, Headset, MOST_QUADS, Quad, RIM_CLEAR, Readback, SessionState, Step,
-    Surface, XrError,
-};
+use crate::{Content, FirstView, FrameTime, Headset, Readback, SessionState, Step, XrError};
 use motes_app::governor::Governor;
-use motes_app::headset::menu::{MenuCommand, MenuFacts};
-use motes_app::headset::{Comfort, Eye, Input, Locomotion, PANEL_SIZE, Panel, PanelEvents, Placement, Pose};
-use motes_app::measurement::{Machine, Measurement, SceneRecord};
+use motes_app::headset::{Comfort, Eye, Input, Locomotion, Panel, PanelEvents, Placement, Pose};
+use motes_app::measurement::Measurement;
 use motes_app::time::TimeControl;
 use motes_renderer::order::{OrderRequest, SortWorker};
 use motes_renderer::pipeline_cache::Kept;
 use motes_renderer::{
-    DrawRequest, Expansion, Frame, FrameReport, PRESETS, Picture, RenderConfig, Renderer, Sorter, Stereo,
-    Traffic, View,
+    DrawRequest, FrameReport, Picture, RenderConfig, Renderer, Sorter, Stereo, Traffic, View,
 };
-use motes_scenes::settings::{Orientation, Settings};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
+use times::Clock;
 
 /// What the last drawn frame showed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,57 +41,6 @@ struct Shown {
     content: Content,
     sorter: SortWorker,
 }
-
-/// Where the processor's time went in the last drawn frame.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct FrameTimes {
-    /// Reading input and acting on it.
-    pub act: Duration,
-    /// Waiting for the device to be done with the frame before the last.
-    pub wait: Duration,
-    /// Drawing the panel, where it is shown.
-    pub panel: Duration,
-    /// Locating the eyes and computing their views.
-    pub locate: Duration,
-    /// Taking the order of splats; the first one is waited for.
-    pub order: Duration,
-    /// Acquiring the image, and waiting for the compositor to let go of it.
-    pub image: Duration,
-    /// Recording and submitting the drawing.
-    pub draw: Duration,
-    /// Ending the frame.
-    pub end: Duration,
-}
-
-impl FrameTimes {
-    /// The frame loop's own: everything but waiting and drawing.
-    pub fn own(&self) -> Duration {
-        self.act + self.locate + self.order + self.end
-    }
-}
-
-/// Time since the last look.
-struct Clock(Instant);
-
-impl Clock {
-    fn start() -> Self {
-        Self(Instant::now())
-    }
-
-    fn lap(&mut self) -> Duration {
-        let now = Instant::now();
-        now.duration_since(std::mem::replace(&mut self.0, now))
-    }
-}
-
-/// Turns a quad's front, +z, upwards.
-const FACING_UP: [f32; 4] = [-std::f32::consts::FRAC_1_SQRT_2, 0.0, 0.0, std::f32::consts::FRAC_1_SQRT_2];
-/// Width of the ring that shows where a jump lands, metres.
-const LANDING_WIDTH: f32 = 0.6;
-/// How far in front of the eyes the dark rim is, metres.
-const RIM_DISTANCE: f32 = 0.5;
-/// What the rim leaves clear, degrees from the middle: at no strength, and at full.
-const RIM_ANGLES: [f32; 2] = [60.0, 22.0];
 
 /// Shows a scene in a headset.
 pub struct Viewer {
@@ -179,8 +129,6 @@ impl Viewer {
     /// # Errors
     /// The system gives no thread for sorting, or the device was lost.
     pub fn show(&mut self, content: Content) -> Result<(), XrError> {
-        self.renderer.gpu().wait_idle()?;
-        let sorter = SortWorker::new(content.scene.positions.clone()).map_err(XrError::Thread)?;
         self.playback = match &content.sequence {
             Some(sequence) => Some(sequence.time_control()),
             None => content.scene.moving.then(TimeControl::default),
@@ -188,9 +136,29 @@ impl Viewer {
         if let Some(playback) = &mut self.playback {
             playback.scrub(self.config.time.into());
         }
+        self.locomotion = None;
+        self.replace(content)
+    }
+
+    /// Shows more of the scene of which a part is shown: the user stays where they are, what they corrected stays too,
+    /// and time goes on.
+    ///
+    /// # Errors
+    /// As [`Viewer::show`].
+    pub fn refine(&mut self, mut content: Content) -> Result<(), XrError> {
+        let Some(Shown { content: part, .. }) = &mut self.shown else { return self.show(content) };
+        if let (Some(about), Some(before)) = (&mut content.about, part.about.take()) {
+            about.settings = before.settings;
+            content.scene_to_world = about.settings.scene_to_world();
+        }
+        self.replace(content)
+    }
+
+    fn replace(&mut self, content: Content) -> Result<(), XrError> {
+        self.renderer.gpu().wait_idle()?;
+        let sorter = SortWorker::new(content.scene.positions.clone()).map_err(XrError::Thread)?;
         self.shown = Some(Shown { content, sorter });
         self.requested = None;
-        self.locomotion = None;
         Ok(())
     }
 
@@ -407,211 +375,6 @@ impl Viewer {
         self.frames += 1;
         self.last = Some(LastFrame { time: *frame, eyes, views, wanted, used });
         Ok(())
-    }
-
-    fn leave(&mut self, headset: &mut dyn Headset) -> Result<(), XrError> {
-        if !self.leaving {
-            log::info!("the user ends the session");
-            self.leaving = true;
-            headset.request_exit()?;
-        }
-        Ok(())
-    }
-
-    /// Draws the panel where it is shown, and does what is asked for on it.
-    fn draw_panel(
-        &mut self,
-        headset: &mut dyn Headset,
-        commands: &Frame,
-        frame: &FrameTime,
-    ) -> Result<(), XrError> {
-        if !self.panel.shown() {
-            return Ok(());
-        }
-        let about = self.shown.as_ref().and_then(|shown| shown.content.about.as_ref());
-        let facts = MenuFacts {
-            scene: about.map_or("", |about| about.name.as_str()),
-            splats: self.shown.as_ref().map_or(0, |shown| shown.content.scene.splats),
-            loading: self.loading,
-            frame_seconds: frame.period as f64 / 1e9,
-            report: self.renderer.last_report().clone(),
-            settings: about.map(|about| &about.settings),
-            governor: self.governor.as_ref(),
-            time: self.playback.as_ref(),
-            measuring: self.measurement.as_ref().map(Measurement::progress),
-            scenes: &self.offered,
-            problem: &self.problem,
-        };
-        let seconds = frame.display_time as f64 / 1e9;
-        let (events, comfort) = (&self.events, &self.comfort);
-        let asked = self.screen.draw(headset, commands.commands(), events, &facts, comfort, seconds)?;
-        for command in asked {
-            self.obey(headset, command)?;
-        }
-        Ok(())
-    }
-
-    fn obey(&mut self, headset: &mut dyn Headset, command: MenuCommand) -> Result<(), XrError> {
-        self.problem.clear();
-        match command {
-            MenuCommand::Exit => self.leave(headset)?,
-            MenuCommand::Recentre => {
-                if let Some(locomotion) = &mut self.locomotion {
-                    locomotion.recentre(&self.head);
-                }
-            }
-            MenuCommand::Reset => {
-                if let Some(locomotion) = &mut self.locomotion {
-                    locomotion.reset();
-                }
-            }
-            MenuCommand::Preset(i) => self.take_preset(i),
-            MenuCommand::Comfort(comfort) => self.comfort = comfort,
-            MenuCommand::Budget(budget) => match (budget, &mut self.governor) {
-                (Some(budget), Some(governor)) => governor.set_budget(budget),
-                (budget, governor) => *governor = budget.map(Governor::new),
-            },
-            MenuCommand::Up(axis) => self.change(|settings| settings.orientation = Orientation::Up(axis)),
-            MenuCommand::Scale(scale) => self.change(|settings| settings.scale = scale.clamp(1e-6, 1e6)),
-            MenuCommand::Save => self.save(),
-            MenuCommand::Open(scene) => self.chosen = Some(scene),
-            MenuCommand::Measure => self.measure(),
-            MenuCommand::Time(command) => {
-                if let Some(playback) = &mut self.playback {
-                    playback.obey(command);
-                }
-            }
-        }
-        Ok(())
-    }
-
-    /// Begins to measure the device on the scene that is shown, configuration by configuration; what is measured goes into
-    /// a folder of its own in [`Viewer::measurements`].
-    pub fn measure(&mut self) {
-        let Some(Shown { content, .. }) = &self.shown else { return };
-        if self.measurements.is_none() {
-            self.problem = "There is no folder for measurements".into();
-            return;
-        }
-        let scene = SceneRecord {
-            scene: content.about.as_ref().map_or_else(|| "a scene".to_owned(), |about| about.name.clone()),
-            splats: content.scene.splats,
-            sh_degree: content.scene.packing.sh_degree,
-            moving: content.scene.moving,
-            only: None,
-        };
-        let machine = Machine::here(&self.renderer.gpu().capabilities);
-        match Measurement::new(machine, scene, &self.config) {
-            Ok(measurement) => self.measurement = Some(measurement),
-            Err(problem) => self.problem = problem,
-        }
-    }
-
-    /// Passes over what the device cannot draw, and writes down what is finished.
-    fn go_on_measuring(&mut self) {
-        let Some(measurement) = &mut self.measurement else { return };
-        let capabilities = &self.renderer.gpu().capabilities;
-        while let Some(Err(error)) = measurement.config().map(|config| config.check(2, capabilities)) {
-            measurement.refused(error.to_string());
-        }
-        if measurement.config().is_some() {
-            return;
-        }
-        let folder = self.measurements.as_deref();
-        self.problem = match folder.map(|folder| measurement.save(folder)) {
-            Some(Ok(written)) => format!("Measured: {}", written.display()),
-            Some(Err(error)) => format!("The measurement cannot be written: {error}"),
-            None => String::new(),
-        };
-        log::info!("{}", self.problem);
-        self.measurement = None;
-    }
-
-    /// Whether a measurement goes on.
-    pub fn measuring(&self) -> bool {
-        self.measurement.is_some()
-    }
-
-    /// A preset, where the device can draw two views by it.
-    fn take_preset(&mut self, preset: usize) {
-        let Some(preset) = PRESETS.get(preset) else { return };
-        let mut config = (preset.config)();
-        if config.expansion == Expansion::Geometry {
-            config.expansion = Expansion::Instanced;
-            self.problem = "The geometry stage draws one eye only: splats are expanded in instances".into();
-        }
-        match config.check(2, &self.renderer.gpu().capabilities) {
-            Ok(()) => self.config = config,
-            Err(error) => self.problem = error.to_string(),
-        }
-    }
-
-    /// Corrects how the scene stands in the world. The user stays where the first view is.
-    fn change(&mut self, change: impl FnOnce(&mut Settings)) {
-        let Some(Shown { content, .. }) = &mut self.shown else { return };
-        let Some(about) = &mut content.about else { return };
-        let before = content.scene_to_world.inverse();
-        change(&mut about.settings);
-        content.scene_to_world = about.settings.scene_to_world();
-        let moved = content.scene_to_world * before;
-        let view = &mut content.first_view;
-        view.place = moved.transform_point3(view.place);
-        view.forward = moved.transform_vector3(view.forward);
-        self.locomotion = None;
-    }
-
-    fn save(&mut self) {
-        let about = self.shown.as_ref().and_then(|shown| shown.content.about.as_ref());
-        let Some(about) = about else { return };
-        let result = match &about.path {
-            Some(path) => about.settings.save(path).map_err(|error| error.to_string()),
-            None => Err("The sample's settings cannot be changed".to_owned()),
-        };
-        match result {
-            Ok(()) => log::info!("the settings of {} are saved", about.name),
-            Err(problem) => self.problem = problem,
-        }
-    }
-
-    /// What lies over the scene: the ring of a landing place, and the dark rim.
-    fn quads(&self) -> ([Quad; MOST_QUADS], usize) {
-        let nothing =
-            Quad { surface: Surface::Rim, pose: Pose::default(), size: [0.0; 2], follows_head: true };
-        let (mut quads, mut count) = ([nothing; MOST_QUADS], 0);
-        if let Some(locomotion) = &self.locomotion {
-            if let Some(landing) = locomotion.landing() {
-                let place = locomotion.placement().to_stage(landing);
-                quads[count] = Quad {
-                    surface: Surface::Landing,
-                    pose: Pose { orientation: FACING_UP, position: place.to_array().map(|v| v as f32) },
-                    size: [LANDING_WIDTH; 2],
-                    follows_head: false,
-                };
-                count += 1;
-            }
-            let rim = locomotion.vignette() as f32;
-            if rim > 0.01 {
-                let [widest, narrowest] = RIM_ANGLES;
-                let clear = (widest + (narrowest - widest) * rim).to_radians();
-                let width = 2.0 * RIM_DISTANCE * clear.tan() / RIM_CLEAR;
-                let position = [0.0, 0.0, -RIM_DISTANCE];
-                quads[count] = Quad {
-                    surface: Surface::Rim,
-                    pose: Pose { position, ..Pose::default() },
-                    size: [width; 2],
-                    follows_head: true,
-                };
-                count += 1;
-            }
-        }
-        // On top: neither rim nor ring covers it.
-        if self.panel.shown() && self.screen.has_picture() {
-            let size = PANEL_SIZE.map(|side| side as f32);
-            let pose = *self.panel.pose();
-            quads[count] = Quad { surface: Surface::Panel, pose, size, follows_head: false };
-            count += 1;
-        }
-        (quads, count)
     }
 
     /// What the user does: the panel first, then locomotion with the hands that are free.

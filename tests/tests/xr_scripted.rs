@@ -1,0 +1,71 @@
+//! What a headset shows, frame by frame, in a scripted session: the head stands still.
+#![allow(clippy::unwrap_used, reason = "a test may")]
+
+use ash::vk;
+use motes_app::headset::{Comfort, Eye, EyeFov, Input, Pose};
+use motes_app::opened::Opened;
+use motes_renderer::gpu::Gpu;
+use motes_renderer::{Offscreen, Packing, Precision, RenderConfig, SceneOnDevice, ShPrecision};
+use motes_scenes::synthetic::Recipe;
+use motes_scenes::{LoadOptions, save};
+use motes_tests::TestGpu;
+use motes_xr::{Content, EyeImages, FrameTime, Script, ScriptFrame, ScriptStep, ScriptedHeadset, Viewer};
+use std::sync::Arc;
+
+const PACKING: Packing = Packing { precision: Precision::F32, sh_precision: ShPrecision::F32, sh_degree: 0 };
+
+/// As many frames as are asked for.
+fn headset(gpu: &Arc<Gpu>, frames: i64) -> ScriptedHeadset {
+    let period = 1_000_000_000 / 72;
+    let eye = |x| Eye {
+        pose: Pose { position: [x, 1.6, 0.3], ..Pose::default() },
+        fov: EyeFov { left: -0.8, right: 0.8, up: 0.8, down: -0.8 },
+    };
+    let step = |i| {
+        let display_time = 1 + i * period;
+        ScriptStep::Frame(Box::new(ScriptFrame {
+            time: FrameTime { display_time, period, should_render: true, focused: true },
+            input: Input::default(),
+            eyes: Some([eye(-0.032), eye(0.032)]),
+            order: None,
+        }))
+    };
+    let images = EyeImages { size: [64, 64], format: vk::Format::R8G8B8A8_UNORM };
+    ScriptedHeadset::new(gpu, Script { images, steps: (0..frames).map(step).collect() }).unwrap()
+}
+
+/// A generated scene, by way of a file.
+fn opened() -> Opened {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scene.ply");
+    save(&path, &Recipe { count: 1500, ..Recipe::default() }.still()).unwrap();
+    Opened::load(std::slice::from_ref(&path), &LoadOptions::default()).unwrap()
+}
+
+#[test]
+fn the_user_stays_while_more_of_a_scene_comes() {
+    let gpu = TestGpu::new();
+    let whole = opened();
+    let mut part = whole.clone();
+    part.scene.splats = whole.scene.splats.selected(&(0..300).collect::<Vec<_>>());
+    let mut headset = headset(&gpu, 6);
+    let mut viewer = Viewer::new(&headset, RenderConfig::default(), Comfort::default()).unwrap();
+    viewer.read_back(&headset, true).unwrap();
+    viewer.show(Content::new(&gpu, &part, PACKING).unwrap()).unwrap();
+    for _ in 0..3 {
+        assert_eq!(viewer.step(&mut headset).unwrap(), None);
+    }
+    let (placement, seen) = (*viewer.placement().unwrap(), viewer.pictures().unwrap());
+    viewer.refine(Content::new(&gpu, &whole, PACKING).unwrap()).unwrap();
+    for _ in 0..3 {
+        assert_eq!(viewer.step(&mut headset).unwrap(), None);
+    }
+    assert_eq!(*viewer.placement().unwrap(), placement);
+    let (more, last) = (viewer.pictures().unwrap(), *viewer.last_frame().unwrap());
+    let scene = SceneOnDevice::new(&gpu, &whole.scene.splats, PACKING).unwrap();
+    let mut offscreen = Offscreen::new(&gpu).unwrap();
+    let (expected, _) = offscreen.render(&scene, &last.views, &RenderConfig::default()).unwrap();
+    assert!(more[..] == expected[..] && more[0] != seen[0]);
+    viewer.show(Content::new(&gpu, &whole, PACKING).unwrap()).unwrap();
+    assert!(viewer.placement().is_none(), "another scene begins at its own first view");
+}
