@@ -8,6 +8,7 @@ pub mod heat;
 pub mod judge;
 pub mod lod;
 pub mod measure;
+pub mod replay;
 pub mod scene_args;
 pub mod shots;
 pub mod studio;

@@ -3,68 +3,26 @@
 #![cfg(target_os = "linux")]
 
 mod common;
+#[path = "common/display.rs"]
+mod display;
 
 use std::io::{BufRead, BufReader, Read};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
+use display::{Display, screen};
 use motes_desktop::measure::Picture;
 
 const SIZE: [u32; 2] = [480, 320];
+/// There is no headset.
+const NO_RUNTIME: &str = "/nowhere/runtime.json";
 const PATIENCE: Duration = Duration::from_secs(120);
 
-/// An X server without a screen. Its memory is a file that can be read.
-struct Display {
-    server: Child,
-    name: String,
-    folder: PathBuf,
-}
-
-impl Display {
-    fn new(folder: &Path) -> Self {
-        let mut server = Command::new("Xvfb")
-            .args(["-displayfd", "1", "-nolisten", "tcp", "-screen", "0"])
-            .arg(format!("{}x{}x24", SIZE[0], SIZE[1]))
-            .arg("-fbdir")
-            .arg(folder)
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()
-            .expect("Xvfb is not installed (package xvfb)");
-        let mut number = String::new();
-        BufReader::new(server.stdout.take().unwrap()).read_line(&mut number).unwrap();
-        Self { server, name: format!(":{}", number.trim()), folder: folder.to_owned() }
-    }
-
-    fn xdotool(&self, arguments: &[&str]) -> String {
-        let mut command = Command::new("xdotool");
-        let output = command.args(arguments).env("DISPLAY", &self.name).output();
-        String::from_utf8(output.expect("xdotool is not installed").stdout).unwrap()
-    }
-
-    /// What is on the screen: an X window dump with 32 bits a pixel, blue first.
-    fn screen(&self) -> Picture {
-        let bytes = std::fs::read(self.folder.join("Xvfb_screen0")).unwrap();
-        let word = |i: usize| u32::from_be_bytes(bytes[4 * i..4 * i + 4].try_into().unwrap()) as usize;
-        let (header, width, height, row, colours) = (word(0), word(4), word(5), word(12), word(19));
-        assert_eq!([width as u32, height as u32], SIZE);
-        let start = header + 12 * colours;
-        let pixel = |y: usize, x: usize| {
-            let at = start + y * row + 4 * x;
-            [bytes[at + 2], bytes[at + 1], bytes[at]]
-        };
-        let rgb: Vec<u8> = (0..height).flat_map(|y| (0..width).flat_map(move |x| pixel(y, x))).collect();
-        Picture::from_rgb8(SIZE, &rgb).unwrap()
-    }
-}
-
-impl Drop for Display {
-    fn drop(&mut self) {
-        let _ = self.server.kill();
-        let _ = self.server.wait();
-    }
+fn xdotool(display: &Display, arguments: &[&str]) -> String {
+    let output = Command::new("xdotool").args(arguments).env("DISPLAY", &display.name).output();
+    String::from_utf8(output.expect("xdotool is not installed").stdout).unwrap()
 }
 
 /// The program with its window.
@@ -80,6 +38,7 @@ impl<'a> Program<'a> {
             .args(arguments)
             .env("DISPLAY", &display.name)
             .env_remove("WAYLAND_DISPLAY")
+            .env("XR_RUNTIME_JSON", NO_RUNTIME)
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
             .spawn()
@@ -96,10 +55,10 @@ impl<'a> Program<'a> {
         let mut program = Self { display, process, lines };
         // The title says when the scene is there.
         let window = program.until("the scene is on show", |d| {
-            let found = d.xdotool(&["search", "--name", "plant.spz"]);
+            let found = xdotool(d, &["search", "--name", "plant.spz"]);
             found.lines().next_back().map(str::to_owned)
         });
-        display.xdotool(&["windowfocus", "--sync", &window]);
+        xdotool(display, &["windowfocus", "--sync", &window]);
         program
     }
 
@@ -120,7 +79,7 @@ impl<'a> Program<'a> {
     }
 
     fn press(&self, key: &str) {
-        self.display.xdotool(&["key", key]);
+        xdotool(self.display, &["key", key]);
     }
 
     /// A picture by the key for it.
@@ -130,7 +89,8 @@ impl<'a> Program<'a> {
         Picture::load(Path::new(&line)).unwrap()
     }
 
-    fn quit(mut self) {
+    /// Says what was said on the error output.
+    fn quit(mut self) -> String {
         self.press("Escape");
         let start = Instant::now();
         let status = loop {
@@ -142,7 +102,8 @@ impl<'a> Program<'a> {
         };
         let mut said = String::new();
         self.process.stderr.take().unwrap().read_to_string(&mut said).unwrap();
-        assert!(status.success() && said.is_empty(), "{status}: {said}");
+        assert!(status.success(), "{status}: {said}");
+        said
     }
 }
 
@@ -171,7 +132,7 @@ fn brightness(picture: &Picture, from: u32, to: u32) -> f32 {
 #[test]
 fn keys_move_the_eye_and_save_pictures() {
     let folder = common::folder("window");
-    let display = Display::new(&folder);
+    let display = Display::new(&folder, SIZE);
     let size = format!("{}x{}", SIZE[0], SIZE[1]);
     let pictures = folder.join("pictures");
     let arguments = ["--size", &size, "--no-panel", "--validation", "--pictures", pictures.to_str().unwrap()];
@@ -182,12 +143,12 @@ fn keys_move_the_eye_and_save_pictures() {
     assert!(brightness(&first, 0, SIZE[0]) > 0.02, "the picture is blank");
     // Without a panel the window shows the very picture that is saved.
     program.until("the picture on the screen", |d| {
-        (difference(&d.screen(), &first, 0, SIZE[0]) <= 1.0).then_some(())
+        (difference(&screen(&d.folder), &first, 0, SIZE[0]) <= 1.0).then_some(())
     });
 
-    display.xdotool(&["keydown", "Right"]);
-    program.until("a turn", |d| (difference(&d.screen(), &first, 0, SIZE[0]) > 60.0).then_some(()));
-    display.xdotool(&["keyup", "Right"]);
+    xdotool(&display, &["keydown", "Right"]);
+    program.until("a turn", |d| (difference(&screen(&d.folder), &first, 0, SIZE[0]) > 60.0).then_some(()));
+    xdotool(&display, &["keyup", "Right"]);
     let turned = program.picture();
     assert!(difference(&turned, &first, 0, SIZE[0]) > 60.0, "the eye has not moved");
 
@@ -202,12 +163,26 @@ fn keys_move_the_eye_and_save_pictures() {
 
     program.press("Tab");
     program.until("the panel", |d| {
-        (difference(&d.screen(), &turned, SIZE[0] - 60, SIZE[0]) > 60.0).then_some(())
+        (difference(&screen(&d.folder), &turned, SIZE[0] - 60, SIZE[0]) > 60.0).then_some(())
     });
     assert_eq!(difference(&program.picture(), &turned, 0, SIZE[0]), 0.0, "the panel is not in a picture");
     program.press("Home");
     assert_eq!(difference(&program.picture(), &first, 0, SIZE[0]), 0.0, "back to the first view");
-    program.quit();
+    assert_eq!(program.quit(), "");
+}
+
+#[test]
+fn without_a_headset_a_window_opens() {
+    let folder = common::folder("no-headset");
+    let display = Display::new(&folder, SIZE);
+    let mut program = Program::start(&display, &["xr", "--validation"]);
+    program.until("the plant", |d| {
+        let seen = screen(&d.folder);
+        (brightness(&seen, 0, SIZE[0]) > 0.02).then_some(())
+    });
+    let said = program.quit();
+    assert!(said.contains("no OpenXR runtime is installed or active"), "{said}");
+    assert!(said.contains("A window opens instead"), "{said}");
 }
 
 #[test]
@@ -220,4 +195,9 @@ fn without_a_display_pictures_are_named() {
     let said = String::from_utf8(output.stderr).unwrap();
     assert!(!output.status.success());
     assert!(said.contains("no display") && said.contains("motes render"), "{said}");
+    // Neither a headset: both are said.
+    let output = command.arg("xr").env("XR_RUNTIME_JSON", NO_RUNTIME).output().unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(!output.status.success());
+    assert!(said.contains("no OpenXR runtime") && said.contains("no display"), "{said}");
 }

@@ -3,7 +3,7 @@
 use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::os::unix::fs::PermissionsExt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
@@ -24,11 +24,21 @@ pub enum Source {
     Remote(u16),
 }
 
+/// Where what the eyes see is shown.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Compositor {
+    /// Nowhere.
+    Nothing,
+    /// In a window on the X display of this name, both eyes side by side.
+    Window(String),
+}
+
 /// The service, with a folder of its own.
 pub struct Monado {
     service: Child,
     folder: PathBuf,
     source: Source,
+    compositor: Compositor,
 }
 
 impl Monado {
@@ -36,8 +46,16 @@ impl Monado {
     ///
     /// # Panics
     /// Where it does not start: such a machine cannot test the headset, and must not seem to.
-    #[allow(clippy::expect_used, reason = "only tests call it")]
     pub fn start(source: Source) -> Self {
+        Self::start_with(source, Compositor::Nothing)
+    }
+
+    /// Starts the service with a compositor of this kind.
+    ///
+    /// # Panics
+    /// As [`Monado::start`].
+    #[allow(clippy::expect_used, reason = "only tests call it")]
+    pub fn start_with(source: Source, compositor: Compositor) -> Self {
         static COUNT: AtomicU32 = AtomicU32::new(0);
         let unique = format!("motes-xr-{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
         let folder = std::env::temp_dir().join(unique);
@@ -50,8 +68,8 @@ impl Monado {
             std::fs::write(folder.join("config/monado/config_v0.json"), text)
                 .expect("the service's settings");
         }
-        let service = serve(&folder, source);
-        Self { service, folder, source }
+        let service = serve(&folder, source, &compositor);
+        Self { service, folder, source, compositor }
     }
 
     /// Kills the service as a crash would.
@@ -65,7 +83,7 @@ impl Monado {
     pub fn restart(&mut self) {
         // A killed service leaves its socket.
         let _ = std::fs::remove_file(self.folder.join("monado_comp_ipc"));
-        self.service = serve(&self.folder, self.source);
+        self.service = serve(&self.folder, self.source, &self.compositor);
     }
 
     /// What a client's process needs to know.
@@ -118,7 +136,7 @@ fn through_runner(program: OsString) -> Command {
 }
 
 #[allow(clippy::expect_used, clippy::panic, reason = "only tests call it")]
-fn serve(folder: &std::path::Path, source: Source) -> Child {
+fn serve(folder: &Path, source: Source, compositor: &Compositor) -> Child {
     let Some(program) = std::env::var_os("MOTES_MONADO_SERVICE") else {
         panic!("MOTES_MONADO_SERVICE is not set: run the tests by `cargo xtask test`");
     };
@@ -127,7 +145,6 @@ fn serve(folder: &std::path::Path, source: Source) -> Child {
         .env("XDG_RUNTIME_DIR", folder)
         .env("XDG_CONFIG_HOME", folder.join("config"))
         .env("HOME", folder)
-        .env("XRT_COMPOSITOR_NULL", "1")
         .stdin(Stdio::piped())
         .stdout(Stdio::null())
         .stderr(Stdio::piped());
@@ -142,6 +159,10 @@ fn serve(folder: &std::path::Path, source: Source) -> Child {
             command.env("P_OVERRIDE_ACTIVE_CONFIG", "remote");
         }
     }
+    match compositor {
+        Compositor::Nothing => command.env("XRT_COMPOSITOR_NULL", "1"),
+        Compositor::Window(display) => command.env("XRT_COMPOSITOR_FORCE_XCB", "1").env("DISPLAY", display),
+    };
     let mut service = command.spawn().expect("the service starts");
     let errors = service.stderr.take().expect("the service's messages");
     let (heard, said) = channel();

@@ -1,5 +1,8 @@
 //! Head and hands driven from outside, through the whole stack: packets to Monado, OpenXR, the viewer, pixels.
-#![allow(clippy::unwrap_used, clippy::panic, reason = "a test may")]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a test may")]
+
+#[path = "../../desktop/tests/common/display.rs"]
+mod display;
 
 use glam::{DAffine3, DQuat, DVec3};
 use motes_app::headset::{Comfort, EyeFov, Placement};
@@ -10,13 +13,16 @@ use motes_renderer::{
 };
 use motes_scenes::synthetic::Random;
 use motes_scenes::{LoadOptions, Splats};
-use motes_tests::monado::{Source, free_port, with_monado};
+use motes_tests::monado::{
+    Compositor, Inside, Monado, Source, free_port, inside, log_to_stderr, with_monado,
+};
 use motes_tests::remote::{Remote, RemoteControl, RemotePose};
 use motes_tests::sample;
 use motes_xr::{
     Content, FirstView, Headset, Runtime, RuntimeHeadset, RuntimeOptions, SessionOptions, SessionState,
     Viewer,
 };
+use std::path::Path;
 use std::sync::Arc;
 
 const PACKING: Packing = Packing { precision: Precision::F32, sh_precision: ShPrecision::F32, sh_degree: 1 };
@@ -31,10 +37,14 @@ struct Session {
 
 impl Session {
     fn new(content: impl FnOnce(&Arc<Gpu>) -> Content, read_back: bool) -> Self {
+        let options = SessionOptions { resolution_scale: 0.5, ..Default::default() };
+        Self::open(content, read_back, &options)
+    }
+
+    fn open(content: impl FnOnce(&Arc<Gpu>) -> Content, read_back: bool, options: &SessionOptions) -> Self {
         let remote = RemoteControl::connect();
         let runtime = Runtime::new(&(), RuntimeOptions { validation: true, readable: true }).unwrap();
-        let options = SessionOptions { resolution_scale: 0.5, ..Default::default() };
-        let headset = RuntimeHeadset::new(runtime, &options).unwrap();
+        let headset = RuntimeHeadset::new(runtime, options).unwrap();
         let mut viewer = Viewer::new(&headset, RenderConfig::default(), Comfort::default()).unwrap();
         viewer.read_back(&headset, read_back).unwrap();
         viewer.show(content(headset.gpu())).unwrap();
@@ -179,6 +189,17 @@ fn ball(at: DVec3) -> Splats {
     splats
 }
 
+/// A ball hanging in the world, which is the stage.
+fn hanging(gpu: &Arc<Gpu>, at: DVec3) -> Content {
+    Content {
+        scene: SceneOnDevice::new(gpu, &ball(at), PACKING).unwrap(),
+        sequence: None,
+        scene_to_world: DAffine3::IDENTITY,
+        first_view: FirstView { place: DVec3::new(0.0, 1.6, 0.0), forward: DVec3::NEG_Z, floor_known: true },
+        about: None,
+    }
+}
+
 /// The middle of what shines in a picture, pixels.
 fn middle(picture: &Picture) -> [f64; 2] {
     let mut sums = [0.0; 3];
@@ -198,18 +219,7 @@ fn a_known_object_has_the_right_disparity() {
     with_monado("a_known_object_has_the_right_disparity", Source::Remote(free_port()), || {
         // The world is the stage: the ball hangs 1.2 m ahead of the eyes and a little to the right.
         let ahead = 1.2;
-        let show = |gpu: &Arc<Gpu>| Content {
-            scene: SceneOnDevice::new(gpu, &ball(DVec3::new(0.1, 1.7, -ahead)), PACKING).unwrap(),
-            sequence: None,
-            scene_to_world: DAffine3::IDENTITY,
-            first_view: FirstView {
-                place: DVec3::new(0.0, 1.6, 0.0),
-                forward: DVec3::NEG_Z,
-                floor_known: true,
-            },
-            about: None,
-        };
-        let mut session = Session::new(show, true);
+        let mut session = Session::new(|gpu| hanging(gpu, DVec3::new(0.1, 1.7, -ahead)), true);
         let size = session.headset.images().size.map(f64::from);
         let mut check = |remote: &Remote, what: &str| {
             session.show(remote);
@@ -247,21 +257,100 @@ fn a_known_object_has_the_right_disparity() {
     });
 }
 
+/// The middle of what shines in each half of the compositor's window, pixels of the half.
+fn middles(screen: &motes_desktop::measure::Picture) -> [[f64; 2]; 2] {
+    let [width, height] = screen.size();
+    let half = (width / 2) as usize;
+    [0, 1].map(|eye| {
+        let rows = screen.to_rgb8();
+        let rows = rows.chunks_exact(3 * width as usize);
+        let pixels = rows
+            .flat_map(|row| row[3 * eye * half..3 * (eye + 1) * half].chunks_exact(3))
+            .map(|pixel| [pixel[0], pixel[1], pixel[2], 255]);
+        middle(&Picture { size: [width / 2, height], pixels: pixels.collect() })
+    })
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn the_compositor_shows_both_eyes_upright_and_at_the_right_depth() {
+    const NAME: &str = "the_compositor_shows_both_eyes_upright_and_at_the_right_depth";
+    /// Where the inner process finds the screen.
+    const SCREEN: &str = "MOTES_TEST_SCREEN";
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("compositor");
+    if !inside() {
+        let _ = std::fs::remove_dir_all(&folder);
+        std::fs::create_dir_all(&folder).unwrap();
+        // As large as Monado's window.
+        let display = display::Display::new(&folder, [960, 540]);
+        let source = Source::Remote(free_port());
+        let mut monado = Monado::start_with(source, Compositor::Window(display.name.clone()));
+        let mut environment = monado.environment();
+        environment.push((SCREEN, display.folder.clone().into()));
+        Inside::start(NAME, &environment).finish();
+        assert!(monado.stop().success());
+        return;
+    }
+    log_to_stderr();
+    let screen = std::env::var_os(SCREEN).unwrap();
+    let screen = || display::screen(Path::new(&screen));
+    // Above the eyes' height, and to the right.
+    let (ahead, aside, above) = (0.8, 0.1, 0.15);
+    let coarse = SessionOptions { resolution_scale: 0.25, ..Default::default() };
+    let ball = |gpu: &Arc<Gpu>| hanging(gpu, DVec3::new(aside, 1.6 + above, -ahead));
+    let mut session = Session::open(ball, false, &coarse);
+    let remote = Remote { fovs: [[-0.75, 0.75, 0.8, -0.8]; 2], ..Default::default() };
+    session.show(&remote);
+    // What was drawn is on the screen some frames later.
+    for _ in 0..10 {
+        session.step();
+    }
+    let seen = screen();
+    seen.save(&folder.join("ball.png")).unwrap();
+    let [width, height] = seen.size().map(f64::from);
+    let found = middles(&seen);
+    // Whatever the images' fields of view, Monado shows them on a display of 130 mm x 70 mm that is seen by each eye from
+    // straight before its half, which is 85 degrees wide.
+    let tangent = 42.5f64.to_radians().tan();
+    let focal = [width / 4.0 / tangent, height / 2.0 / (tangent * 70.0 / 65.0)];
+    let expected = [-0.032, 0.032]
+        .map(|eye| [width / 4.0 + focal[0] * (aside - eye) / ahead, height / 2.0 - focal[1] * above / ahead]);
+    println!("compositor: {found:?}, expected {expected:?}");
+    for (found, expected) in found.iter().zip(expected) {
+        assert!((0..2).all(|k| (found[k] - expected[k]).abs() < 1.5), "{found:?} {expected:?}");
+    }
+    // Controls: neither upside down nor with the eyes exchanged would it pass, nor at another depth.
+    let disparity = focal[0] * 0.064 / ahead;
+    assert!(height / 2.0 - expected[0][1] > 20.0 && disparity > 10.0);
+    assert!((found[0][0] - found[1][0] - disparity).abs() < 1.0, "{disparity}");
+    // Something to look at.
+    let opened = Opened::load(&[], &LoadOptions::default()).unwrap();
+    let plant = Content::new(session.headset.gpu(), &opened, PACKING).unwrap();
+    session.viewer.config.background = [0.9, 0.9, 0.93];
+    session.viewer.show(plant).unwrap();
+    session.step();
+    // From the first view nearer, and down to the plant's height: it stands on the floor.
+    session.remote.send(&Remote { head: RemotePose::at([0.0, 0.6, -0.3]), ..remote });
+    for _ in 0..3 {
+        session.step();
+    }
+    let picture = folder.join("plant.png");
+    let seen = screen();
+    seen.save(&picture).unwrap();
+    println!("look at {}", picture.display());
+    for eye in 0..2 {
+        let rows = seen.pixels().chunks_exact(seen.size()[0] as usize);
+        let half = rows.flat_map(|row| row.chunks_exact(row.len() / 2).nth(eye)).flatten();
+        let green = half.filter(|p| p[1] > p[2] + 0.1).count();
+        assert!(green > 1000, "eye {eye} sees no leaves: {green}");
+    }
+    session.end();
+}
+
 #[test]
 fn hands_and_buttons_do_what_is_specified() {
     with_monado("hands_and_buttons_do_what_is_specified", Source::Remote(free_port()), || {
-        let show = |gpu: &Arc<Gpu>| Content {
-            scene: SceneOnDevice::new(gpu, &ball(DVec3::new(0.1, 1.7, -1.2)), PACKING).unwrap(),
-            sequence: None,
-            scene_to_world: DAffine3::IDENTITY,
-            first_view: FirstView {
-                place: DVec3::new(0.0, 1.6, 0.0),
-                forward: DVec3::NEG_Z,
-                floor_known: true,
-            },
-            about: None,
-        };
-        let mut session = Session::new(show, false);
+        let mut session = Session::new(|gpu| hanging(gpu, DVec3::new(0.1, 1.7, -1.2)), false);
         let placement = |s: &Session| *s.viewer.placement().unwrap();
         let home = placement(&session);
         assert!((home.translation.length(), home.yaw.abs()) < (1e-6, 1e-6), "{home:?}");

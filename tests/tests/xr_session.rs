@@ -2,7 +2,11 @@
 #![allow(clippy::unwrap_used, reason = "a test may")]
 
 use motes_app::headset::Comfort;
+use motes_app::loader::Storage;
 use motes_app::opened::Opened;
+use motes_desktop::measure as saved;
+use motes_desktop::replay::{ReplayOptions, replay};
+use motes_desktop::studio::{picture_of, side_by_side};
 use motes_renderer::gpu::Gpu;
 use motes_renderer::{Packing, Picture, Precision, RenderConfig, ShPrecision};
 use motes_scenes::LoadOptions;
@@ -17,9 +21,12 @@ use std::sync::Arc;
 const PACKING: Packing = Packing { precision: Precision::F32, sh_precision: ShPrecision::F32, sh_degree: 1 };
 
 /// A small real scene.
+fn opened() -> Opened {
+    Opened::load(&[sample("static/fruit_drops_minimal.ply")], &LoadOptions::default()).unwrap()
+}
+
 fn content(gpu: &Arc<Gpu>) -> Content {
-    let opened = Opened::load(&[sample("static/fruit_drops_minimal.ply")], &LoadOptions::default()).unwrap();
-    Content::new(gpu, &opened, PACKING).unwrap()
+    Content::new(gpu, &opened(), PACKING).unwrap()
 }
 
 /// A session with both validation layers, of half the runtime's resolution: the driver draws on the processor.
@@ -99,6 +106,21 @@ fn a_recorded_session_replays_bit_for_bit() {
             watch(&mut ScriptedHeadset::new(&gpu, script.clone()).unwrap(), content, u64::MAX)
         };
         assert!(seen.len() >= 20 && again == seen, "{} frames, {} replayed", seen.len(), again.len());
+        // By the command, as files.
+        let folder = tempfile::tempdir().unwrap();
+        let options = ReplayOptions {
+            storage: Storage::As(PACKING),
+            config: RenderConfig::default(),
+            comfort: Comfort::default(),
+            budget: None,
+        };
+        let frames = replay(&gpu, &opened(), script.clone(), &options, folder.path()).unwrap();
+        assert_eq!(frames as usize, seen.len());
+        for (i, eyes) in seen.iter().enumerate() {
+            let file = saved::Picture::load(&folder.path().join(format!("{i:05}.png"))).unwrap();
+            let eyes = [picture_of(&eyes[0]).unwrap(), picture_of(&eyes[1]).unwrap()];
+            assert!(file == side_by_side(&eyes).unwrap(), "frame {i}");
+        }
         assert_ne!(seen[5][0], seen[5][1], "the eyes see different pictures");
         assert_ne!(seen[5], seen[15], "the simulated head moves");
         // Control: one bit of one pose is another picture, if only by a bit; a tenth of a degree surely is.

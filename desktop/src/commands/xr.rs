@@ -5,14 +5,18 @@ use std::time::Duration;
 
 use motes_app::governor::Budget;
 use motes_app::headset::HeadsetSettings;
-use motes_app::loader::Storage;
+use motes_app::loader::{SceneSource, Storage};
+use motes_app::opened::Opened;
 use motes_renderer::{Lens, Packing, RenderConfig, pipeline_cache};
+use motes_scenes::LoadOptions;
 use motes_xr::bindings::Bindings;
-use motes_xr::{RuntimeOptions, SceneSource, SessionOptions, ShowError, ShowOptions, show};
+use motes_xr::{RuntimeOptions, Script, SessionOptions, ShowError, ShowOptions, show};
 
 use crate::config_args::ConfigArgs;
 use crate::error::CommandError;
+use crate::replay::{ReplayOptions, replay};
 use crate::scene_args::SceneArgs;
+use crate::studio::DeviceArgs;
 use crate::window::{self, WindowOptions};
 
 /// Show scenes in a headset (any OpenXR runtime)
@@ -27,9 +31,16 @@ pub struct XrArgs {
     /// Everything on the other hand
     #[arg(long)]
     pub left_handed: bool,
-    /// Record the session into a file, for `--replay` and tests
-    #[arg(long, value_name = "FILE")]
+    /// Record the session into a file, for --replay
+    #[arg(long, value_name = "FILE", conflicts_with = "replay")]
     pub record: Option<PathBuf>,
+    /// Draw a recorded session of the same scene again, without a headset. With the options that it was recorded with,
+    /// and without --budget, every pixel is the same
+    #[arg(long, value_name = "FILE", requires = "output")]
+    pub replay: Option<PathBuf>,
+    /// Where the replayed session's pictures go, both eyes side by side: a folder, or an animated picture (.png)
+    #[arg(short, long, value_name = "OUT", requires = "replay")]
+    pub output: Option<PathBuf>,
     /// End after as many frames (0: when the user ends it)
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub frames: u64,
@@ -68,7 +79,7 @@ impl XrArgs {
 /// How `motes xr` ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Outcome {
-    /// The user ended the session.
+    /// The user ended the session, or it was replayed.
     Shown,
     /// There is no headset, for this reason: a window is to be opened instead.
     Window(String),
@@ -95,22 +106,34 @@ pub fn run(args: &XrArgs) -> Result<Outcome, CommandError> {
             format!("--lens {}: a headset shows perspective; motes render takes the picture", config.lens);
         return Err(CommandError::Usage(what));
     }
+    let storage = match args.config.by_plan() {
+        Some(overrides) => Storage::Planned(overrides),
+        None => Storage::As(Packing::of_config(&config)),
+    };
+    let budget = args.budget.or(settings.budget);
+    // The session draws at this size: nothing is left to bring back to full size.
+    let at_full_size = RenderConfig { resolution_scale: 1.0, ..config.clone() };
+    if let (Some(session), Some(output)) = (&args.replay, &args.output) {
+        let script = Script::read(session)?;
+        let opened = Opened::load_to_play(&args.scenes.paths(), &LoadOptions::default())?;
+        let device = DeviceArgs { device: None, validation: args.validation };
+        let options = ReplayOptions { storage, config: at_full_size, comfort: settings.comfort, budget };
+        let frames = replay(&device.offscreen()?, &opened, script, &options, output)?;
+        eprintln!("{frames} frames: {}", output.display());
+        return Ok(Outcome::Shown);
+    }
     let options = ShowOptions {
         source: SceneSource::Files(args.scenes.paths()),
-        storage: match args.config.by_plan() {
-            Some(overrides) => Storage::Planned(overrides),
-            None => Storage::As(Packing::of_config(&config)),
-        },
+        storage,
         comfort: settings.comfort,
-        budget: args.budget.or(settings.budget),
+        budget,
         pipelines: pipeline_cache::default_folder(),
         session: SessionOptions {
             resolution_scale: config.resolution_scale,
             left_handed: settings.comfort.left_handed,
             bindings: settings.bindings,
         },
-        // The session draws at this size: nothing is left to bring back to full size.
-        config: RenderConfig { resolution_scale: 1.0, ..config },
+        config: at_full_size,
         runtime: RuntimeOptions { validation: args.validation, readable: false },
         record: args.record.clone(),
         frames: args.frames,
