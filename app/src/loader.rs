@@ -12,6 +12,7 @@ use motes_scenes::statement::Statement;
 use motes_scenes::{CancelToken, EarlyCallback, LoadOptions, Scene, SceneError};
 
 use crate::framing::Framing;
+use crate::lod::{Detail, Tuning};
 use crate::opened::{Opened, name_of};
 
 /// Why a scene is not there.
@@ -65,7 +66,9 @@ pub struct Loaded {
     /// The scene in memory.
     pub opened: Arc<Opened>,
     /// The scene on the device.
-    pub scene: SceneOnDevice,
+    pub scene: Arc<SceneOnDevice>,
+    /// Its levels of detail, where it has any.
+    pub detail: Option<Detail>,
     /// Its dense part.
     pub framing: Framing,
     /// The plan by which it is stored, where there is one; none of a part.
@@ -77,9 +80,11 @@ pub struct Loaded {
 impl Loaded {
     fn new(gpu: &Arc<Gpu>, opened: Arc<Opened>, storage: Storage, whole: bool) -> Result<Self, GpuError> {
         let (packing, plan) = storage.of(&opened);
-        let scene = SceneOnDevice::new(gpu, &opened.scene.splats, packing)?;
+        let scene = Arc::new(SceneOnDevice::new(gpu, opened.stored(), packing)?);
+        let levels = opened.levels.clone();
+        let detail = levels.map(|levels| Detail::whole(levels, scene.clone(), Tuning::default()));
         let framing = Framing::of(&opened.scene.splats, &opened.settings);
-        Ok(Self { opened, scene, framing, plan: plan.filter(|_| whole), whole })
+        Ok(Self { opened, scene, detail, framing, plan: plan.filter(|_| whole), whole })
     }
 }
 

@@ -192,7 +192,8 @@ fn ball(at: DVec3) -> Splats {
 /// A ball hanging in the world, which is the stage.
 fn hanging(gpu: &Arc<Gpu>, at: DVec3) -> Content {
     Content {
-        scene: SceneOnDevice::new(gpu, &ball(at), PACKING).unwrap(),
+        scene: Arc::new(SceneOnDevice::new(gpu, &ball(at), PACKING).unwrap()),
+        detail: None,
         sequence: None,
         scene_to_world: DAffine3::IDENTITY,
         first_view: FirstView { place: DVec3::new(0.0, 1.6, 0.0), forward: DVec3::NEG_Z, floor_known: true },

@@ -38,6 +38,8 @@ pub struct WindowOptions {
     pub by_plan: Option<Overrides>,
     /// What a frame may take; nothing is held without.
     pub budget: Option<Budget>,
+    /// Of a file of levels: SSIM to keep.
+    pub lod_target: f64,
     /// Both eyes side by side.
     pub stereo: bool,
     /// Whether the panel is shown.
@@ -182,6 +184,7 @@ impl Open {
         );
         let screen = Screen::new(&gpu, display, handle, window.inner_size().into(), options.paced)?;
         let mut viewer = Viewer::new(&gpu, options.config.clone());
+        viewer.detail.target = options.lod_target;
         viewer.stereo = options.stereo;
         viewer.panel = options.panel;
         viewer.by_plan = options.by_plan;

@@ -10,6 +10,7 @@ use crate::panel_screen::PanelScreen;
 use crate::{Content, FirstView, FrameTime, Headset, Readback, SessionState, Step, XrError};
 use motes_app::governor::Governor;
 use motes_app::headset::{Comfort, Eye, Input, Locomotion, Panel, PanelEvents, Placement, Pose};
+use motes_app::lod::Tuning;
 use motes_app::measurement::Measurement;
 use motes_app::time::TimeControl;
 use motes_renderer::order::{OrderRequest, SortWorker};
@@ -312,10 +313,14 @@ impl Viewer {
             measured.or_else(|| self.governor.as_ref().map(governed)).unwrap_or_else(|| self.config.clone());
         config.near *= units;
         config.near_fade *= units;
+        let since = self.last.as_ref().map_or(0, |last| frame.display_time - last.time.display_time);
+        let since = Duration::from_nanos(since.max(0) as u64);
         if let Some(playback) = &mut self.playback {
-            let since = self.last.as_ref().map_or(0, |last| frame.display_time - last.time.display_time);
-            let passed = if measures { 0 } else { since.max(0) as u64 };
-            config.time = playback.advance(Duration::from_nanos(passed));
+            config.time = playback.advance(if measures { Duration::ZERO } else { since });
+        }
+        if let Some(detail) = &mut content.detail {
+            let ease = self.governor.as_ref().map_or(0.0, Governor::detail_ease);
+            detail.advance(&views, since.as_secs_f64(), ease, Tuning::default());
         }
         let frame_of_sequence = match (&mut content.sequence, &self.playback) {
             (Some(sequence), Some(playback)) => {
@@ -326,7 +331,7 @@ impl Viewer {
             _ => None,
         };
         sorter.set_interval(config.sort_interval);
-        let wanted = OrderRequest::new(&views, &config);
+        let wanted = OrderRequest::new(&views, &config).of_parts(&content.scene.positions);
         times.locate = clock.lap();
         let mut newest = sorter.newest().0.made_for.unwrap_or(wanted);
         // While the scene moves, no order is older than the one that was asked for in the frame before.
