@@ -47,6 +47,8 @@ const SHADERS: &[(&str, &str, &[&str])] = &[
     ("SPLAT_FRAG_COUNT", "splat.frag", &["COUNT"]),
     ("SPLAT_FRAG_EXACT_COUNT", "splat.frag", &["EXACT", "COUNT"]),
     ("FULLSCREEN_VERT", "fullscreen.vert", &[]),
+    ("HIDDEN_VERT", "hidden.vert", &[]),
+    ("HIDDEN_VERT_MULTIVIEW", "hidden.vert", &["MULTIVIEW"]),
     ("MARK_VERT", "mark.vert", &[]),
     ("MARK_VERT_MULTIVIEW", "mark.vert", &["MULTIVIEW"]),
     ("MARK_FRAG", "mark.frag", &[]),

@@ -44,6 +44,7 @@ impl Renderer {
             (true, false) => Some(self.passes.full_screen(pass, FullScreen::Mark)?),
             (true, true) => Some(self.passes.full_screen(pass, FullScreen::MarkTiles)?),
         };
+        let hidden = self.hidden.pipeline(&mut self.passes, pass)?;
         let render_pass = self.passes.pass(pass)?;
         let output = layer.map_or(target.all, |l| target.layers[l]);
         let (framebuffer, blended_view) = self.framebuffer(render_pass, pass, output, rendered)?;
@@ -90,7 +91,7 @@ impl Renderer {
         let view = if request.views.len() == 1 { 0 } else { layer_index };
         let marks = if pass.early_stop { batches - 1 } else { 0 };
         let report = &mut self.slots[slot].report;
-        report.draws += batches + marks + u32::from(resolve.is_some());
+        report.draws += batches + marks + u32::from(resolve.is_some()) + u32::from(hidden.is_some());
         report.passes += 1;
         // SAFETY: every handle is alive until the frame is done; the records and draws were written before.
         unsafe {
@@ -99,6 +100,9 @@ impl Renderer {
             device.cmd_set_scissor(commands, 0, &[area]);
             device.cmd_bind_descriptor_sets(commands, graphics, layout, 0, sets, &[]);
             device.cmd_bind_index_buffer(commands, indices, 0, vk::IndexType::UINT16);
+            if let Some(hidden) = hidden {
+                self.hidden.record(commands, &self.passes, hidden, pass, layer_index);
+            }
             let counted = if pass.view_mask == 0 { 1 } else { 2 };
             for batch in 0..batches {
                 self.slots[slot].queries.begin_statistics(commands, counted);

@@ -3,8 +3,8 @@
 mod blend;
 mod descriptors;
 mod frame_data;
+mod hidden;
 mod order;
-mod part_list;
 mod prepare;
 mod upscale;
 
@@ -14,7 +14,6 @@ use crate::config::{Composite, Expansion, RenderConfig, Sorter};
 use crate::gpu::{Buffer, Gpu, GpuError, Image};
 use crate::order::SplatOrder;
 use crate::order::device::DeviceSort;
-use crate::parts::Parts;
 use crate::passes::{PassKey, Passes};
 use crate::pipeline_cache::Kept;
 use crate::report::{FrameReport, Queries};
@@ -24,6 +23,7 @@ use crate::workspace::Workspace;
 use ash::vk;
 use frame_data::{blended_format, frame_data, specialization};
 use gpu_allocator::MemoryLocation;
+use hidden::Hidden;
 use motes_shaders::layout::FrameData;
 use prepare::PREPARATION_DISPATCHES;
 use std::collections::HashMap;
@@ -91,8 +91,6 @@ struct Slot {
     submitted: bool,
     descriptors: vk::DescriptorPool,
     uniform: Buffer,
-    /// The parts that are drawn, where a scene is drawn in parts.
-    part_list: Buffer,
     order_staging: [Option<Buffer>; 2],
     /// Parts of the frame: 2 where each eye is prepared by itself.
     parts: usize,
@@ -148,13 +146,12 @@ pub struct Renderer {
     sample: u32,
     /// Splats in the order of the part that is being recorded.
     ordered: u32,
-    /// The parts that the frame draws; none for the whole scene.
-    parts: Option<Arc<Parts>>,
     indices: HashMap<u32, Buffer>,
     attachments: Option<Attachments>,
     count_layers: bool,
     framebuffers: HashMap<FramebufferKey, Framebuffer>,
     background: [f32; 3],
+    hidden: Hidden,
     upscaler: Upscaler,
     /// Of the newest frame that is done.
     finished: FrameReport,
@@ -175,12 +172,12 @@ impl Renderer {
             device_sort: None,
             sample: 0,
             ordered: 0,
-            parts: None,
             indices: HashMap::new(),
             attachments: None,
             count_layers: false,
             framebuffers: HashMap::new(),
             background: [0.0; 3],
+            hidden: Hidden::new(gpu),
             upscaler: Upscaler::new(gpu)?,
             finished: FrameReport::default(),
         };
@@ -219,7 +216,6 @@ impl Renderer {
             submitted: false,
             descriptors,
             uniform,
-            part_list: part_list::buffer(gpu, 0)?,
             order_staging: [None, None],
             parts: 0,
             marks_due: false,
@@ -428,7 +424,6 @@ impl Renderer {
             let reason = "sort stochastic blends no layers that could be counted";
             return Err(GpuError::Config(crate::ConfigError(reason.into())));
         }
-        self.write_parts(frame.slot, request.scene)?;
         let reduction = self.upscaler.reduction(request);
         self.upscaler.begin(request, &reduction, blended_format(config.target))?;
         if config.sort_per_eye && views.len() == 2 {
@@ -466,8 +461,7 @@ impl Renderer {
     ) -> Result<(), GpuError> {
         let DrawRequest { scene, views, config, target, .. } = *request;
         let part = own_eye.unwrap_or(0);
-        let in_parts = self.parts.is_some();
-        let specialization = specialization(scene, views.len(), config, &reduction.resolution, in_parts);
+        let specialization = specialization(scene, views.len(), config, &reduction.resolution);
         self.prepare_workspace(scene, specialization.projection == crate::Projection::Exact as u32)?;
         let sets = self.scene_sets(frame.slot, scene, part)?;
         self.ordered = self.order(frame.slot, request, own_eye, [sets[0], sets[1]], specialization)?;
