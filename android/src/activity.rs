@@ -67,6 +67,7 @@ fn visit(app: &AndroidApp) -> Result<Visit, ShowError> {
             resolution_scale: config.resolution_scale,
             left_handed: settings.comfort.left_handed,
             bindings: settings.bindings,
+            whole_images: false,
         },
         config: RenderConfig { resolution_scale: 1.0, ..config },
         runtime: RuntimeOptions::default(),
@@ -74,6 +75,7 @@ fn visit(app: &AndroidApp) -> Result<Visit, ShowError> {
         frames: 0,
         patience: Duration::from_secs(60),
         folder: scenes,
+        thumbnails: app.internal_data_path().map(|folder| folder.join("thumbnails")),
         measurements: folder.as_deref().map(|folder| folder.join("measurements")),
         report: folder.as_deref().map(|folder| folder.join("device.json")),
     };

@@ -14,5 +14,6 @@ pub mod panel;
 pub mod prediction;
 pub mod quality;
 pub mod sequence;
+pub mod thumbnail;
 pub mod time;
 pub mod viewer;

@@ -12,8 +12,8 @@ use motes_scenes::statement::Statement;
 use motes_scenes::{CancelToken, EarlyCallback, LoadOptions, Scene, SceneError};
 
 use crate::framing::Framing;
-use crate::lod::{Detail, Tuning};
 use crate::opened::{Opened, name_of};
+use crate::thumbnail::Thumbnail;
 
 /// Why a scene is not there.
 #[derive(Debug, thiserror::Error)]
@@ -61,14 +61,23 @@ impl Storage {
     }
 }
 
+/// What is to be loaded, and how.
+#[derive(Clone, Debug)]
+pub struct LoadRequest {
+    /// From where.
+    pub source: SceneSource,
+    /// How it is stored on the device.
+    pub storage: Storage,
+    /// Where small pictures of scenes are kept; none is taken without.
+    pub thumbnails: Option<PathBuf>,
+}
+
 /// A scene that is ready to be drawn.
 pub struct Loaded {
     /// The scene in memory.
     pub opened: Arc<Opened>,
     /// The scene on the device.
-    pub scene: Arc<SceneOnDevice>,
-    /// Its levels of detail, where it has any.
-    pub detail: Option<Detail>,
+    pub scene: SceneOnDevice,
     /// Its dense part.
     pub framing: Framing,
     /// The plan by which it is stored, where there is one; none of a part.
@@ -80,11 +89,9 @@ pub struct Loaded {
 impl Loaded {
     fn new(gpu: &Arc<Gpu>, opened: Arc<Opened>, storage: Storage, whole: bool) -> Result<Self, GpuError> {
         let (packing, plan) = storage.of(&opened);
-        let scene = Arc::new(SceneOnDevice::new(gpu, opened.stored(), packing)?);
-        let levels = opened.levels.clone();
-        let detail = levels.map(|levels| Detail::whole(levels, scene.clone(), Tuning::default()));
+        let scene = SceneOnDevice::new(gpu, &opened.scene.splats, packing)?;
         let framing = Framing::of(&opened.scene.splats, &opened.settings);
-        Ok(Self { opened, scene, detail, framing, plan: plan.filter(|_| whole), whole })
+        Ok(Self { opened, scene, framing, plan: plan.filter(|_| whole), whole })
     }
 }
 
@@ -109,6 +116,7 @@ pub struct Loader {
 struct Worker {
     gpu: Arc<Gpu>,
     storage: Storage,
+    thumbnails: Option<PathBuf>,
     progress: Arc<Mutex<Loading>>,
     cancel: CancelToken,
     results: Sender<Result<Loaded, LoadError>>,
@@ -156,7 +164,26 @@ impl Worker {
             SceneSource::Memory(opened) => opened,
         };
         self.tell(format!("uploading {}", opened.name), 1.0);
-        Ok(Loaded::new(&self.gpu, opened, self.storage, true)?)
+        let loaded = Loaded::new(&self.gpu, opened, self.storage, true)?;
+        self.keep_thumbnail(&loaded);
+        Ok(loaded)
+    }
+
+    /// Takes a small picture of a scene of which there is none yet.
+    fn keep_thumbnail(&self, loaded: &Loaded) {
+        let Loaded { opened, scene, framing, .. } = loaded;
+        let (Some(folder), Some(path)) = (&self.thumbnails, &opened.path) else { return };
+        let file = Thumbnail::file(folder, path);
+        if file.exists() || self.cancel.is_cancelled() {
+            return;
+        }
+        let kept = match Thumbnail::take(&self.gpu, opened, scene, framing) {
+            Ok(picture) => picture.save(&file).map_err(|error| error.to_string()),
+            Err(error) => Err(error.to_string()),
+        };
+        if let Err(problem) = kept {
+            log::warn!("{}: no small picture of {}: {problem}", file.display(), opened.name);
+        }
     }
 }
 
@@ -171,13 +198,15 @@ impl Loader {
     ///
     /// # Errors
     /// The system gives no thread.
-    pub fn start(gpu: &Arc<Gpu>, source: SceneSource, storage: Storage) -> Result<Self, LoadError> {
+    pub fn start(gpu: &Arc<Gpu>, request: LoadRequest) -> Result<Self, LoadError> {
+        let LoadRequest { source, storage, thumbnails } = request;
         let progress = Arc::new(Mutex::new(Loading { what: "opening".into(), fraction: 0.0 }));
         let cancel = CancelToken::default();
         let (sender, results) = channel();
         let worker = Worker {
             gpu: gpu.clone(),
             storage,
+            thumbnails,
             progress: progress.clone(),
             cancel: cancel.clone(),
             results: sender,

@@ -28,6 +28,14 @@ pub struct ReplayOptions {
     pub budget: Option<Budget>,
 }
 
+impl ReplayOptions {
+    /// How a scene is drawn.
+    pub fn config_for(&self, opened: &Opened) -> RenderConfig {
+        let (_, plan) = self.storage.of(opened);
+        plan.map_or_else(|| self.config.clone(), |plan| plan.apply(&self.config))
+    }
+}
+
 /// Writes what the eyes saw in each frame of a session, side by side: into a folder, a picture a frame, or into an animated
 /// picture where `output` ends in `.png`. Returns how many frames there were.
 ///
@@ -49,8 +57,8 @@ pub fn replay(
         return Err(CommandError::Usage("no frame of the session shows a scene".into()));
     };
     let fps = script.frames_per_second();
-    let (packing, plan) = options.storage.of(opened);
-    let config = plan.map_or_else(|| options.config.clone(), |plan| plan.apply(&options.config));
+    let (packing, _) = options.storage.of(opened);
+    let config = options.config_for(opened);
     let mut headset = ScriptedHeadset::new(gpu, script)?;
     let mut viewer = Viewer::new(&headset, config, options.comfort)?;
     viewer.governor = options.budget.map(Governor::new);

@@ -1,7 +1,10 @@
 //! A session drawn again by the command.
-#![allow(clippy::unwrap_used, reason = "a test may")]
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test may")]
 
 mod common;
+#[cfg(target_os = "linux")]
+#[path = "common/display.rs"]
+mod display;
 
 use glam::DVec3;
 use motes_app::headset::{Eye, EyeFov, Input, Pose};
@@ -25,7 +28,6 @@ fn script() -> Script {
             second: None,
             time: 0.0,
             time_cull: TimeCull::Index,
-            parts: 0,
         };
         ScriptStep::Frame(Box::new(ScriptFrame {
             time: FrameTime {
@@ -37,6 +39,7 @@ fn script() -> Script {
             input: Input::default(),
             eyes: (i > 0).then(|| [eye(-0.032), eye(0.032)]),
             order: (i > 1).then(|| order.into()),
+            hidden: None,
         }))
     };
     let mut steps: Vec<_> = (0..5).map(step).collect();
@@ -80,7 +83,50 @@ fn a_session_becomes_pictures() {
     std::fs::write(&session, "a session").unwrap();
     let (succeeded, said) = run(&pictures);
     assert!(!succeeded && said.contains("session.jsonl") && said.contains("line 1"), "{said}");
-    let output = common::motes().args(["xr", "--replay", "x"]).output().unwrap();
+    let output = common::motes().args(["xr", "-o", "x"]).output().unwrap();
     let said = String::from_utf8(output.stderr).unwrap();
-    assert!(!output.status.success() && said.contains("--output"), "{said}");
+    assert!(!output.status.success() && said.contains("--replay"), "{said}");
+}
+
+/// Long enough to be seen.
+#[test]
+#[cfg(target_os = "linux")]
+fn a_session_is_shown_in_a_window() {
+    use std::process::Stdio;
+    use std::time::{Duration, Instant};
+    let folder = common::folder("preview");
+    let session = folder.join("session.jsonl");
+    let mut long = script();
+    let last = long.steps[4].clone();
+    long.steps.splice(4..5, std::iter::repeat_n(last, 8));
+    long.write(&session).unwrap();
+    let display = display::Display::new(&folder, [200, 100]);
+    let mut process = common::motes()
+        .args(["xr", "--validation", "--replay"])
+        .arg(&session)
+        .env("DISPLAY", &display.name)
+        .env_remove("WAYLAND_DISPLAY")
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let begun = Instant::now();
+    // Both eyes show the plant, which is not grey.
+    let colourful = |columns: std::ops::Range<usize>| {
+        let screen = display::screen(&display.folder);
+        let rows = screen.pixels().chunks_exact(200);
+        let pixels = rows.flat_map(|row| &row[columns.clone()]);
+        pixels.filter(|p| (p[0] - p[2]).abs() > 0.1).count()
+    };
+    let mut seen = false;
+    let status = loop {
+        seen |= colourful(0..64) > 50 && colourful(64..128) > 50;
+        if let Some(status) = process.try_wait().unwrap() {
+            break status;
+        }
+        assert!(begun.elapsed() < Duration::from_secs(120), "it does not end");
+        std::thread::sleep(Duration::from_millis(20));
+    };
+    let mut said = String::new();
+    std::io::Read::read_to_string(&mut process.stderr.take().unwrap(), &mut said).unwrap();
+    assert!(status.success() && seen, "{status}, seen: {seen}\n{said}");
 }

@@ -29,6 +29,8 @@ pub struct RemoteHand {
     pub stick: [f32; 2],
     pub a: bool,
     pub b: bool,
+    /// A bare hand instead of a controller, with this curl of its fingers from the thumb on, `0 ..= 1`.
+    pub bare: Option<[f32; 5]>,
 }
 
 /// Head and hands.
@@ -53,6 +55,7 @@ impl Default for Remote {
             stick: [0.0; 2],
             a: false,
             b: false,
+            bare: None,
         };
         Self {
             head: RemotePose::at([0.0, 1.6, 0.0]),
@@ -83,17 +86,20 @@ impl Remote {
         bytes.extend([1, 0, 0, 0]);
         for hand in &self.hands {
             pose(&mut bytes, &hand.pose);
-            // Velocities and the curl of five fingers.
-            floats(&mut bytes, &[0.0; 11]);
+            // Velocities and the curl of five fingers, from the little one on.
+            floats(&mut bytes, &[0.0; 6]);
+            let mut curls = hand.bare.unwrap_or_default();
+            curls.reverse();
+            floats(&mut bytes, &curls);
             floats(&mut bytes, &[hand.trigger, hand.squeeze, 0.0]);
             floats(&mut bytes, &hand.stick);
             // The trackpad's force and place.
             floats(&mut bytes, &[0.0; 3]);
             let trigger = u8::from(hand.trigger > 0.5);
-            // Not a tracked hand but an active controller; system, a, b, trigger, stick, pad: click and touch each.
+            // A tracked hand or an active controller; system, a, b, trigger, stick, pad: click and touch each.
             bytes.extend([
-                0,
-                1,
+                u8::from(hand.bare.is_some()),
+                u8::from(hand.bare.is_none()),
                 0,
                 0,
                 u8::from(hand.a),

@@ -64,7 +64,6 @@ fn constants(plan: &Plan) -> Vec<u32> {
         s.sh_shift,
         s.sampling,
         s.lens,
-        s.parts,
     ]
 }
 

@@ -41,6 +41,7 @@ fn script(frames: i64, still: i64) -> Script {
             input: Input::default(),
             eyes: Some([eye(frame, -0.032), eye(frame, 0.032)]),
             order: None,
+            hidden: None,
         }))
     };
     let mut steps: Vec<_> = (0..frames).map(step).collect();

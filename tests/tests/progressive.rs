@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use glam::DVec3;
 use motes_app::eye::EyeMotion;
-use motes_app::loader::{Loaded, Loader, SceneSource, Storage};
+use motes_app::loader::{LoadRequest, Loaded, Loader, SceneSource, Storage};
 use motes_app::viewer::Viewer;
 use motes_renderer::{
     Fov, Offscreen, Packing, Picture, Precision, RenderConfig, SceneOnDevice, ShPrecision, View,
@@ -49,8 +49,12 @@ fn parts_come_before_the_whole_and_look_like_it() {
     let path = folder.path().join("ground.ply");
     save(&path, &ground(4 * FIRST + 1)).unwrap();
     let gpu = TestGpu::new();
-    let mut loader =
-        Loader::start(&gpu, SceneSource::Files(vec![path.clone()]), Storage::As(PACKING)).unwrap();
+    let request = LoadRequest {
+        source: SceneSource::Files(vec![path.clone()]),
+        storage: Storage::As(PACKING),
+        thumbnails: None,
+    };
+    let mut loader = Loader::start(&gpu, request).unwrap();
     let mut loaded: Vec<Loaded> = Vec::new();
     let begun = Instant::now();
     while !loaded.last().is_some_and(|l| l.whole) {

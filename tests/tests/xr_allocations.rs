@@ -9,8 +9,8 @@ use motes_scenes::LoadOptions;
 use motes_tests::monado::{Source, with_monado};
 use motes_tests::sample;
 use motes_xr::{
-    Content, EyeImages, FrameTime, Headset, Quad, Runtime, RuntimeHeadset, RuntimeOptions, SessionOptions,
-    Step, Viewer, XrError,
+    Content, EyeImages, FrameTime, Headset, HiddenArea, Quad, Runtime, RuntimeHeadset, RuntimeOptions,
+    SessionOptions, Step, Viewer, XrError,
 };
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -81,6 +81,9 @@ impl Headset for Watched {
     }
     fn eyes(&mut self, frame: &FrameTime) -> Result<Option<[Eye; 2]>, XrError> {
         self.headset.eyes(frame)
+    }
+    fn hidden(&mut self) -> Result<Option<HiddenArea>, XrError> {
+        self.headset.hidden()
     }
     fn target(&mut self) -> Result<Target, XrError> {
         let target = self.headset.target();

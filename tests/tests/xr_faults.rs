@@ -116,6 +116,7 @@ fn a_runtime_that_comes_back_is_used_again() {
             folder: None,
             report: None,
             measurements: None,
+            thumbnails: None,
         };
         let visit = show(&(), &options, &mut || false).unwrap();
         println!("{visit:?}");

@@ -5,13 +5,13 @@
 mod display;
 
 use glam::{DAffine3, DQuat, DVec3};
-use motes_app::headset::{Comfort, EyeFov, Placement};
+use motes_app::headset::{Comfort, EyeFov, HandInput, Placement};
 use motes_app::opened::Opened;
 use motes_renderer::gpu::Gpu;
 use motes_renderer::{
     Offscreen, Packing, Picture, Precision, RenderConfig, SceneOnDevice, ShPrecision, View,
 };
-use motes_scenes::synthetic::Random;
+use motes_scenes::synthetic::{Random, Recipe};
 use motes_scenes::{LoadOptions, Splats};
 use motes_tests::monado::{
     Compositor, Inside, Monado, Source, free_port, inside, log_to_stderr, with_monado,
@@ -37,7 +37,7 @@ struct Session {
 
 impl Session {
     fn new(content: impl FnOnce(&Arc<Gpu>) -> Content, read_back: bool) -> Self {
-        let options = SessionOptions { resolution_scale: 0.5, ..Default::default() };
+        let options = SessionOptions { resolution_scale: 0.5, whole_images: true, ..Default::default() };
         Self::open(content, read_back, &options)
     }
 
@@ -178,6 +178,55 @@ fn twenty_poses_are_seen_as_offscreen() {
     });
 }
 
+#[test]
+fn what_the_lenses_hide_is_not_drawn() {
+    with_monado("what_the_lenses_hide_is_not_drawn", Source::Remote(free_port()), || {
+        // All around the head.
+        let around =
+            Recipe { count: 3000, bounds: 3.0, log_scales: [-2.5, -1.0], ..Recipe::default() }.still();
+        let content = |gpu: &Arc<Gpu>| Content {
+            scene: SceneOnDevice::new(gpu, &around, PACKING).unwrap(),
+            ..hanging(gpu, DVec3::ZERO)
+        };
+        let options = SessionOptions { resolution_scale: 0.5, ..Default::default() };
+        let mut session = Session::open(content, true, &options);
+        assert!(session.headset.runtime().optional().visibility_mask, "Monado offers a mask");
+        let background = [1.0, 0.0, 1.0];
+        session.viewer.config.background = background;
+        let remote = Remote::default();
+        session.show(&remote);
+        session.step();
+        let (seen, fragments) = (session.viewer.pictures().unwrap(), session.viewer.report().fragments);
+        let gpu = session.headset.gpu().clone();
+        let scene = SceneOnDevice::new(&gpu, &around, PACKING).unwrap();
+        let mut offscreen = Offscreen::new(&gpu).unwrap();
+        let last = *session.viewer.last_frame().unwrap();
+        let config = RenderConfig { background, ..RenderConfig::default() };
+        let (whole, report) = offscreen.render(&scene, &last.views, &config).unwrap();
+        let [width, height] = session.headset.images().size;
+        for (eye, (seen, whole)) in seen.iter().zip(&whole).enumerate() {
+            let mut hidden = 0;
+            for (i, (a, b)) in seen.pixels.iter().zip(&whole.pixels).enumerate() {
+                if (0..3).all(|k| a[k].abs_diff(b[k]) <= 1) {
+                    continue;
+                }
+                assert_eq!(a[..3], [255, 0, 255], "eye {eye}, pixel {i}: {a:?} for {b:?}");
+                hidden += 1;
+                let [x, y] = [i as u32 % width, i as u32 / width].map(f64::from);
+                let out = (2.0 * x / f64::from(width) - 1.0).hypot(2.0 * y / f64::from(height) - 1.0);
+                assert!(out > 0.6, "eye {eye}: hidden in the middle, at {x} {y}");
+            }
+            let share = f64::from(hidden) / f64::from(width * height);
+            println!("eye {eye}: {:.1} % of the image is hidden", 100.0 * share);
+            assert!(share > 0.005 && share < 0.4, "{share}");
+        }
+        println!("{fragments} fragments, {} without the mask", report.fragments);
+        assert!(fragments < report.fragments);
+        drop((offscreen, scene));
+        session.end();
+    });
+}
+
 /// One bright ball of 1 cm in an empty scene (y up, metres).
 fn ball(at: DVec3) -> Splats {
     let mut splats = Splats::zeroed(1, 0, false);
@@ -192,8 +241,7 @@ fn ball(at: DVec3) -> Splats {
 /// A ball hanging in the world, which is the stage.
 fn hanging(gpu: &Arc<Gpu>, at: DVec3) -> Content {
     Content {
-        scene: Arc::new(SceneOnDevice::new(gpu, &ball(at), PACKING).unwrap()),
-        detail: None,
+        scene: SceneOnDevice::new(gpu, &ball(at), PACKING).unwrap(),
         sequence: None,
         scene_to_world: DAffine3::IDENTITY,
         first_view: FirstView { place: DVec3::new(0.0, 1.6, 0.0), forward: DVec3::NEG_Z, floor_known: true },
@@ -297,7 +345,7 @@ fn the_compositor_shows_both_eyes_upright_and_at_the_right_depth() {
     let screen = || display::screen(Path::new(&screen));
     // Above the eyes' height, and to the right.
     let (ahead, aside, above) = (0.8, 0.1, 0.15);
-    let coarse = SessionOptions { resolution_scale: 0.25, ..Default::default() };
+    let coarse = SessionOptions { resolution_scale: 0.25, whole_images: true, ..Default::default() };
     let ball = |gpu: &Arc<Gpu>| hanging(gpu, DVec3::new(aside, 1.6 + above, -ahead));
     let mut session = Session::open(ball, false, &coarse);
     let remote = Remote { fovs: [[-0.75, 0.75, 0.8, -0.8]; 2], ..Default::default() };
@@ -346,6 +394,51 @@ fn the_compositor_shows_both_eyes_upright_and_at_the_right_depth() {
         assert!(green > 1000, "eye {eye} sees no leaves: {green}");
     }
     session.end();
+}
+
+#[test]
+fn a_bare_hand_points_and_pinches() {
+    with_monado("a_bare_hand_points_and_pinches", Source::Remote(free_port()), || {
+        let mut session = Session::new(|gpu| hanging(gpu, DVec3::new(0.1, 1.7, -1.2)), false);
+        assert!(session.headset.runtime().optional().hand_tracking, "Monado tracks the remote's hands");
+        let hands = |s: &mut Session| {
+            s.step();
+            let time = s.viewer.last_frame().unwrap().time;
+            s.headset.input(&time).unwrap().hands
+        };
+        let [_, held] = hands(&mut session);
+        let mut remote = Remote::default();
+        let (open, closed) = ([0.0; 5], [1.0; 5]);
+        let mut until = |session: &mut Session, bare, what: &str, done: &dyn Fn(&HandInput) -> bool| {
+            remote.hands[1].bare = bare;
+            session.remote.send(&remote);
+            for _ in 0..100 {
+                let [_, right] = hands(session);
+                if done(&right) {
+                    return right;
+                }
+            }
+            panic!("never {what}: {:?}", hands(session));
+        };
+        let right = until(&mut session, Some(open), "a bare hand", &|h| h.aim.is_some() && h.aim != held.aim);
+        let place = DVec3::from_array(remote_place(1));
+        println!("bare hand: {right:?}, sent to {place}");
+        assert!(!right.select && !right.grab);
+        // The palm is near where the hand was sent to, and the ray goes ahead.
+        let (grip, aim) = (right.grip.unwrap(), right.aim.unwrap());
+        assert!((grip.place() - place).length() < 0.15 && (aim.place() - place).length() < 0.2);
+        let pinched = until(&mut session, Some(closed), "a pinch", &|h| h.select);
+        assert!(pinched.grab && pinched.aim.is_some());
+        until(&mut session, Some(open), "let go", &|h| !h.select);
+        // A controller again: its own ray.
+        until(&mut session, None, "a controller", &|h| h.aim == held.aim);
+        session.end();
+    });
+}
+
+/// Where a hand is at first.
+fn remote_place(hand: usize) -> [f64; 3] {
+    Remote::default().hands[hand].pose.1.map(f64::from)
 }
 
 #[test]

@@ -9,7 +9,9 @@ use motes_renderer::{Offscreen, Packing, Precision, RenderConfig, SceneOnDevice,
 use motes_scenes::synthetic::Recipe;
 use motes_scenes::{LoadOptions, save};
 use motes_tests::TestGpu;
-use motes_xr::{Content, EyeImages, FrameTime, Script, ScriptFrame, ScriptStep, ScriptedHeadset, Viewer};
+use motes_xr::{
+    Content, EyeImages, FrameTime, Headset, Script, ScriptFrame, ScriptStep, ScriptedHeadset, Viewer,
+};
 use std::sync::Arc;
 
 const PACKING: Packing = Packing { precision: Precision::F32, sh_precision: ShPrecision::F32, sh_degree: 0 };
@@ -28,6 +30,7 @@ fn headset(gpu: &Arc<Gpu>, frames: i64) -> ScriptedHeadset {
             input: Input::default(),
             eyes: Some([eye(-0.032), eye(0.032)]),
             order: None,
+            hidden: None,
         }))
     };
     let images = EyeImages { size: [64, 64], format: vk::Format::R8G8B8A8_UNORM };
@@ -68,4 +71,43 @@ fn the_user_stays_while_more_of_a_scene_comes() {
     assert!(more[..] == expected[..] && more[0] != seen[0]);
     viewer.show(Content::new(&gpu, &whole, PACKING).unwrap()).unwrap();
     assert!(viewer.placement().is_none(), "another scene begins at its own first view");
+}
+
+#[test]
+fn where_the_scene_is_empty_the_surroundings_are_seen() {
+    let gpu = TestGpu::new();
+    let mut headset = headset(&gpu, 2);
+    // A colour of its own that must not shine through.
+    let config = RenderConfig { background: [0.2, 0.9, 0.4], ..RenderConfig::default() };
+    let mut viewer = Viewer::new(&headset, config, Comfort::default()).unwrap();
+    viewer.read_back(&headset, true).unwrap();
+    viewer.show(Content::new(&gpu, &opened(), PACKING).unwrap()).unwrap();
+    assert_eq!(headset.surroundings(), Some(false));
+    let mut see = |headset: &mut ScriptedHeadset| {
+        assert_eq!(viewer.step(headset).unwrap(), None);
+        let [left, _] = viewer.pictures().unwrap();
+        left.pixels
+    };
+    let before = see(&mut headset);
+    assert!(before.iter().all(|p| p[3] == 255), "opaque while nothing is shown behind");
+    let empty = [51, 230, 102, 255];
+    headset.show_surroundings(true).unwrap();
+    let after = see(&mut headset);
+    let (mut clear, mut solid) = (0, 0);
+    for (before, after) in before.iter().zip(&after) {
+        if *before == empty {
+            // The faintest of layers round to nothing before, and to a step after.
+            assert!(after.iter().all(|v| *v <= 2), "empty: {after:?}");
+            clear += usize::from(*after == [0; 4]);
+        }
+        // Premultiplied: what the background's colour added is gone, by as much as is transparent.
+        let through = f64::from(255 - after[3]) / 255.0;
+        for k in 0..3 {
+            let added = f64::from(before[k]) - f64::from(after[k]);
+            assert!((added - through * f64::from(empty[k])).abs() <= 1.5, "{before:?} {after:?}");
+        }
+        solid += usize::from(after[3] == 255);
+    }
+    println!("{clear} pixels empty, {solid} solid");
+    assert!(clear > 100 && solid > 20);
 }

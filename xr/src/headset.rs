@@ -1,6 +1,6 @@
 //! The one interface to a headset: a runtime behind it, or a recorded session.
 
-use crate::XrError;
+use crate::{HiddenArea, XrError};
 use motes_app::headset::{Eye, Input, Pose};
 use motes_renderer::Target;
 use motes_renderer::gpu::Gpu;
@@ -139,6 +139,14 @@ pub trait Headset {
     /// The runtime was lost.
     fn eyes(&mut self, frame: &FrameTime) -> Result<Option<[Eye; 2]>, XrError>;
 
+    /// What nobody sees of the eyes' images, where that has become known or has changed since it was last asked.
+    ///
+    /// # Errors
+    /// The runtime was lost.
+    fn hidden(&mut self) -> Result<Option<HiddenArea>, XrError> {
+        Ok(None)
+    }
+
     /// Which order of splats the frame is drawn in, given the newest that there is. A recorded session answers with
     /// the one that was used then.
     ///
@@ -164,6 +172,19 @@ pub trait Headset {
     /// The image behind [`target`](Self::target), for who wants to copy it; it is a copy's source only where that was
     /// asked for. None where no image is being drawn into.
     fn image(&self) -> Option<ash::vk::Image>;
+
+    /// Whether the surroundings are seen where the scene is empty; none where this headset cannot show them.
+    fn surroundings(&self) -> Option<bool> {
+        None
+    }
+
+    /// Shows the surroundings where the scene is empty, or no longer: the background is transparent then.
+    ///
+    /// # Errors
+    /// The runtime refuses.
+    fn show_surroundings(&mut self, _shown: bool) -> Result<(), XrError> {
+        Ok(())
+    }
 
     /// Ends the frame. `shown` are the eyes that the image was drawn for; without them no scene is shown. Quads, at most
     /// [`MOST_QUADS`], lie over it in their order.

@@ -26,6 +26,11 @@ impl PanelScreen {
         Self { context: menu::context(), painter: None, pointer: None, drawn: None }
     }
 
+    /// The panel's own context, which holds its textures.
+    pub fn context(&self) -> &Context {
+        &self.context
+    }
+
     /// Whether a picture was drawn, so that there is something to show.
     pub fn has_picture(&self) -> bool {
         self.drawn.is_some()

@@ -3,7 +3,7 @@
 //! A text file, one JSON object a line: first what the images are, then everything that the headset said. Floats keep
 //! every bit, and each frame names the order of splats that it was drawn in, so that a replay draws the same pixels.
 
-use crate::{EyeImages, FrameTime, Headset, Quad, SessionState, Step, XrError};
+use crate::{EyeImages, FrameTime, Headset, HiddenArea, Quad, SessionState, Step, XrError};
 use ash::vk;
 use motes_app::headset::{Eye, Input};
 use motes_renderer::gpu::{Gpu, Image, ImageDescription};
@@ -19,7 +19,7 @@ use std::sync::Arc;
 const VERSION: u32 = 1;
 
 /// A line longer than this is no session's.
-const LONGEST_LINE: u64 = 1 << 16;
+const LONGEST_LINE: u64 = 1 << 20;
 
 /// More lines than this (three hours at 90 Hz) are refused.
 const MOST_LINES: usize = 1_000_000;
@@ -74,13 +74,12 @@ impl From<Order> for OrderRequest {
             second: o.second.map(|[center, forward]| (center.into(), forward.into())),
             time: o.time,
             time_cull: o.time_cull,
-            parts: 0,
         }
     }
 }
 
 /// A frame as it was.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ScriptFrame {
     /// Its time.
     pub time: FrameTime,
@@ -93,6 +92,9 @@ pub struct ScriptFrame {
     /// The order of splats, where something was drawn.
     #[serde(default)]
     pub order: Option<Order>,
+    /// What nobody sees of the images from this frame on, where that has changed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hidden: Option<HiddenArea>,
 }
 
 /// Everything that a headset said, line by line.
@@ -287,7 +289,8 @@ impl<H: Headset> Headset for Recorder<H> {
                 self.writer.finish()?;
             }
             Step::Frame(time) => {
-                self.frame = Some(ScriptFrame { time, input: Input::default(), eyes: None, order: None });
+                let input = Input::default();
+                self.frame = Some(ScriptFrame { time, input, eyes: None, order: None, hidden: None });
             }
         }
         Ok(step)
@@ -309,6 +312,14 @@ impl<H: Headset> Headset for Recorder<H> {
         Ok(eyes)
     }
 
+    fn hidden(&mut self) -> Result<Option<HiddenArea>, XrError> {
+        let hidden = self.headset.hidden()?;
+        if let (Some(frame), Some(hidden)) = (&mut self.frame, &hidden) {
+            frame.hidden = Some(hidden.clone());
+        }
+        Ok(hidden)
+    }
+
     fn order(&mut self, newest: OrderRequest) -> Result<OrderRequest, XrError> {
         let order = self.headset.order(newest)?;
         if let Some(frame) = &mut self.frame {
@@ -323,6 +334,14 @@ impl<H: Headset> Headset for Recorder<H> {
 
     fn panel(&mut self) -> Result<Option<Target>, XrError> {
         self.headset.panel()
+    }
+
+    fn surroundings(&self) -> Option<bool> {
+        self.headset.surroundings()
+    }
+
+    fn show_surroundings(&mut self, shown: bool) -> Result<(), XrError> {
+        self.headset.show_surroundings(shown)
     }
 
     fn image(&self) -> Option<vk::Image> {
@@ -348,6 +367,7 @@ pub struct ScriptedHeadset {
     next: usize,
     image: Image,
     drawing: bool,
+    transparent: bool,
 }
 
 impl ScriptedHeadset {
@@ -364,7 +384,12 @@ impl ScriptedHeadset {
             aspect: vk::ImageAspectFlags::COLOR,
         };
         let image = Image::new(gpu, "scripted eyes", description)?;
-        Ok(Self { gpu: gpu.clone(), script, next: 0, image, drawing: false })
+        Ok(Self { gpu: gpu.clone(), script, next: 0, image, drawing: false, transparent: false })
+    }
+
+    /// What the eyes see: two layers, drawn as a colour attachment and left so.
+    pub fn eye_images(&self) -> &Image {
+        &self.image
     }
 
     fn current(&self) -> Option<&ScriptFrame> {
@@ -404,6 +429,10 @@ impl Headset for ScriptedHeadset {
         Ok(self.current().and_then(|frame| frame.eyes))
     }
 
+    fn hidden(&mut self) -> Result<Option<HiddenArea>, XrError> {
+        Ok(self.current().and_then(|frame| frame.hidden.clone()))
+    }
+
     fn order(&mut self, newest: OrderRequest) -> Result<OrderRequest, XrError> {
         Ok(self.current().and_then(|frame| frame.order).map_or(newest, Into::into))
     }
@@ -416,12 +445,21 @@ impl Headset for ScriptedHeadset {
             format: self.script.images.format,
             size: self.script.images.size,
             layout: vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL,
-            background_alpha: 1.0,
+            background_alpha: if self.transparent { 0.0 } else { 1.0 },
         })
     }
 
     fn panel(&mut self) -> Result<Option<Target>, XrError> {
         Ok(None)
+    }
+
+    fn surroundings(&self) -> Option<bool> {
+        Some(self.transparent)
+    }
+
+    fn show_surroundings(&mut self, shown: bool) -> Result<(), XrError> {
+        self.transparent = shown;
+        Ok(())
     }
 
     fn image(&self) -> Option<vk::Image> {

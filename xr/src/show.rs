@@ -1,16 +1,15 @@
 //! A whole visit to the headset: from finding the runtime until the user leaves, through losses of the runtime.
 
+use crate::shelf::Shelf;
 use crate::{
     Content, Headset, Platform, Recorder, Runtime, RuntimeHeadset, RuntimeOptions, SessionOptions,
     SessionState, Viewer, XrError,
 };
 use motes_app::governor::{Budget, Governor};
 use motes_app::headset::Comfort;
-use motes_app::loader::{LoadError, Loaded, Loader, SceneSource, Storage};
-use motes_app::opened::name_of;
+use motes_app::loader::{LoadError, LoadRequest, Loaded, Loader, SceneSource, Storage};
 use motes_renderer::RenderConfig;
 use motes_renderer::gpu::DeviceReport;
-use motes_scenes::{Format, looks_like_sequence};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -41,6 +40,8 @@ pub struct ShowOptions {
     pub patience: Duration,
     /// A folder whose scenes the panel offers; new ones are seen. None: only the source is shown.
     pub folder: Option<PathBuf>,
+    /// Where small pictures of scenes are kept, for the panel's list; none are taken without.
+    pub thumbnails: Option<PathBuf>,
     /// Where measurements are written that the panel's button makes; nowhere where there is none.
     pub measurements: Option<PathBuf>,
     /// Where the device's report is written at the start, for `motes device`; nowhere where there is none.
@@ -75,55 +76,6 @@ impl ShowError {
     pub fn is_absent(&self) -> bool {
         matches!(self, Self::Headset(error) if error.is_absent())
     }
-}
-
-/// The scenes in a folder, looked for again and again: they are pushed while the viewer runs.
-struct Shelf {
-    folder: PathBuf,
-    scenes: Vec<PathBuf>,
-    looked: Option<Instant>,
-}
-
-/// How often a folder is looked at.
-const LOOK: Duration = Duration::from_secs(2);
-
-impl Shelf {
-    fn new(folder: &Path) -> Self {
-        Self { folder: folder.to_owned(), scenes: Vec::new(), looked: None }
-    }
-
-    /// Looks, where it is time to; says whether something has changed. A folder that is not there is empty.
-    fn look(&mut self) -> bool {
-        if self.looked.is_some_and(|looked| looked.elapsed() < LOOK) {
-            return false;
-        }
-        self.looked = Some(Instant::now());
-        let scenes = scenes_in(&self.folder);
-        let changed = scenes != self.scenes;
-        self.scenes = scenes;
-        changed
-    }
-
-    fn names(&self) -> Vec<String> {
-        self.scenes.iter().map(|scene| name_of(scene)).collect()
-    }
-}
-
-/// The scenes in a folder, by name: files, folders that are one scene, folders of frames. None where there is no folder.
-pub fn scenes_in(folder: &Path) -> Vec<PathBuf> {
-    let Ok(entries) = std::fs::read_dir(folder) else { return Vec::new() };
-    let is_scene = |path: &PathBuf| {
-        let holds = |name: &str| path.join(name).is_file();
-        if path.is_dir() {
-            holds("meta.json") || holds("lod-meta.json") || looks_like_sequence(path)
-        } else {
-            Format::is_scene_name(path)
-        }
-    };
-    let mut scenes: Vec<PathBuf> =
-        entries.filter_map(|entry| Some(entry.ok()?.path())).filter(is_scene).collect();
-    scenes.sort();
-    scenes
 }
 
 /// Called once a step, some hundred times a second at most: follows the system's events, and says whether the visit is
@@ -212,14 +164,20 @@ fn run(
     visit: &mut Visit,
     leave: Pump<'_>,
 ) -> Result<SessionState, ShowError> {
-    let mut loading = Some(Loader::start(headset.gpu(), options.source.clone(), options.storage)?);
+    let request = |options: &ShowOptions, source| LoadRequest {
+        source,
+        storage: options.storage,
+        thumbnails: options.thumbnails.clone(),
+    };
+    let mut loading = Some(Loader::start(headset.gpu(), request(options, options.source.clone()))?);
     let mut viewer = Viewer::new(headset, options.config.clone(), options.comfort)?;
     if let Some(folder) = &options.pipelines {
         viewer.keep_pipelines(folder)?;
     }
     viewer.governor = options.budget.map(Governor::new);
     viewer.measurements.clone_from(&options.measurements);
-    let mut shelf = options.folder.as_deref().map(Shelf::new);
+    let shelf = options.folder.as_deref().map(|folder| Shelf::watch(folder, options.thumbnails.as_deref()));
+    let mut shelf = shelf.transpose().map_err(XrError::Thread)?;
     let before = visit.frames;
     let mut asked = false;
     // Only a part of what is being loaded is shown.
@@ -246,13 +204,13 @@ fn run(
         }
         viewer.set_loading(loading.as_ref().map(|loader| loader.progress().fraction));
         if let Some(shelf) = &mut shelf {
-            if shelf.look() {
-                viewer.offer(shelf.names());
+            if let Some(scenes) = shelf.news() {
+                viewer.offer(&scenes);
             }
-            if let Some(scene) = viewer.chosen().and_then(|i| shelf.scenes.get(i)) {
+            if let Some(scene) = viewer.chosen().and_then(|i| shelf.scene(i)) {
                 log::info!("opening {}", scene.display());
-                let source = SceneSource::Files(vec![scene.clone()]);
-                loading = Some(Loader::start(headset.gpu(), source, options.storage)?);
+                let source = SceneSource::Files(vec![scene.to_owned()]);
+                loading = Some(Loader::start(headset.gpu(), request(options, source))?);
                 partial = false;
             }
         }
@@ -279,7 +237,7 @@ fn take(
     loaded: Loaded,
     partial: &mut bool,
 ) -> Result<(), XrError> {
-    let Loaded { opened, scene, detail, framing, plan, whole } = loaded;
+    let Loaded { opened, scene, framing, plan, whole } = loaded;
     for warning in &opened.scene.report.warnings {
         log::warn!("{warning}");
     }
@@ -288,33 +246,7 @@ fn take(
     if let Some(plan) = &plan {
         viewer.config = plan.apply(&viewer.config);
     }
-    let content = Content::of(headset.gpu(), &opened, (scene, detail), &framing)?;
+    let content = Content::of(headset.gpu(), &opened, scene, &framing)?;
     let more = std::mem::replace(partial, !whole);
     if more { viewer.refine(content) } else { viewer.show(content) }
-}
-
-#[cfg(test)]
-#[allow(clippy::unwrap_used, reason = "a test may")]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn scenes_that_are_pushed_are_seen() {
-        let folder = std::env::temp_dir().join(format!("motes-shelf-{}", std::process::id()));
-        let mut shelf = Shelf::new(&folder);
-        assert!(!shelf.look() && shelf.names().is_empty(), "there is no folder yet");
-        std::fs::create_dir_all(folder.join("sog")).unwrap();
-        for file in ["b.ply", "a.splat", "notes.txt", "sog/meta.json"] {
-            std::fs::write(folder.join(file), "").unwrap();
-        }
-        assert!(!shelf.look(), "not yet time to look again");
-        shelf.looked = None;
-        assert!(shelf.look());
-        assert_eq!(shelf.names(), ["a.splat", "b.ply", "sog"]);
-        shelf.looked = None;
-        assert!(!shelf.look(), "nothing has changed");
-        std::fs::remove_dir_all(&folder).unwrap();
-        shelf.looked = None;
-        assert!(shelf.look() && shelf.names().is_empty());
-    }
 }

@@ -1,5 +1,6 @@
 //! What stands on the panel in the headset: figures, quality, comfort, the scene's place in the world, exit.
 
+use super::shelf::{self, Listed};
 use super::{Comfort, PanelEvents};
 use crate::governor::{Budget, Governor, LADDER};
 use crate::time::{Repeat, TimeCommand, TimeControl};
@@ -48,6 +49,8 @@ pub enum MenuCommand {
     Open(usize),
     /// Measure the device on the scene that is shown.
     Measure,
+    /// Show the surroundings where the scene is empty, or no longer.
+    Surroundings(bool),
 }
 
 /// What the panel tells.
@@ -69,10 +72,12 @@ pub struct MenuFacts<'a> {
     pub governor: Option<&'a Governor>,
     /// The time of a moving scene.
     pub time: Option<&'a TimeControl>,
-    /// Names of scenes that can be opened.
-    pub scenes: &'a [String],
+    /// Scenes that can be opened.
+    pub scenes: &'a [Listed],
     /// How much of a measurement is done, while one goes on.
     pub measuring: Option<f32>,
+    /// Whether the surroundings are seen where the scene is empty; none where they cannot be.
+    pub surroundings: Option<bool>,
     /// What could not be done, or was.
     pub problem: &'a str,
 }
@@ -120,6 +125,24 @@ pub fn context() -> Context {
     context
 }
 
+/// What the panel shows below its head.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Page {
+    /// The scene that is shown, and how.
+    #[default]
+    Scene,
+    /// Those that can be opened.
+    Scenes,
+}
+
+fn page(context: &Context) -> Page {
+    context.data(|data| data.get_temp(egui::Id::new("page"))).unwrap_or_default()
+}
+
+fn turn_to(context: &Context, page: Page) {
+    context.data_mut(|data| data.insert_temp(egui::Id::new("page"), page));
+}
+
 /// Lays the panel out; returns what was asked for.
 pub fn show(ui: &mut Ui, facts: &MenuFacts<'_>, comfort: &Comfort) -> Vec<MenuCommand> {
     let mut commands = Vec::new();
@@ -145,6 +168,21 @@ pub fn show(ui: &mut Ui, facts: &MenuFacts<'_>, comfort: &Comfort) -> Vec<MenuCo
         ui.colored_label(egui::Color32::from_rgb(255, 140, 100), facts.problem);
     }
     ui.separator();
+    if !facts.scenes.is_empty() {
+        let mut page = page(ui.ctx());
+        ui.horizontal(|ui| {
+            ui.selectable_value(&mut page, Page::Scene, "This scene");
+            ui.selectable_value(&mut page, Page::Scenes, format!("All scenes ({})", facts.scenes.len()));
+        });
+        turn_to(ui.ctx(), page);
+        if page == Page::Scenes {
+            shelf::show(ui, facts.scenes, facts.scene, &mut commands);
+            if commands.iter().any(|command| matches!(command, MenuCommand::Open(_))) {
+                turn_to(ui.ctx(), Page::Scene);
+            }
+            return commands;
+        }
+    }
     let r = &facts.report;
     ui.label(format!("{} splats, {} drawn, {:.1} layers a pixel", facts.splats, r.visible, r.layers()));
     ui.label(format!(
@@ -223,25 +261,20 @@ pub fn show(ui: &mut Ui, facts: &MenuFacts<'_>, comfort: &Comfort) -> Vec<MenuCo
             }
         });
     }
-    if !facts.scenes.is_empty() {
-        egui::ScrollArea::horizontal().show(ui, |ui| {
-            ui.horizontal(|ui| {
-                ui.label("Scenes");
-                for (i, name) in facts.scenes.iter().enumerate() {
-                    if ui.selectable_label(name == facts.scene, name).clicked() {
-                        commands.push(MenuCommand::Open(i));
-                    }
-                }
-            });
-        });
-    }
-    ui.horizontal(|ui| match facts.measuring {
-        None if ui.button("Measure").on_hover_text("this device, on this scene").clicked() => {
-            commands.push(MenuCommand::Measure);
+    ui.horizontal(|ui| {
+        match facts.measuring {
+            None if ui.button("Measure").on_hover_text("this device, on this scene").clicked() => {
+                commands.push(MenuCommand::Measure);
+            }
+            None => {}
+            Some(part) => {
+                ui.label(format!("measuring, {:.0} %: hold still", part * 100.0));
+            }
         }
-        None => {}
-        Some(part) => {
-            ui.label(format!("measuring, {:.0} %: hold still", part * 100.0));
+        if let Some(mut shown) = facts.surroundings
+            && ui.toggle_value(&mut shown, "Surroundings").clicked()
+        {
+            commands.push(MenuCommand::Surroundings(shown));
         }
     });
     commands
@@ -294,12 +327,15 @@ mod tests {
         let settings = Settings::default();
         let time = TimeControl::default();
         let governor = Governor::new(Budget::QUEST_3);
+        let names = ["garden.ply", "plant", "a scene whose name is far too long for its place", "d", "e"];
+        let scenes = &names.map(|name| Listed { name: name.to_owned(), picture: None });
         let facts = MenuFacts {
             scene: "plant",
             settings: Some(&settings),
             governor: Some(&governor),
             time: Some(&time),
-            scenes: &["garden.ply".to_owned(), "plant".to_owned()],
+            scenes,
+            surroundings: Some(false),
             problem: "something could not be done",
             ..MenuFacts::default()
         };
@@ -320,8 +356,10 @@ mod tests {
         let context = context();
         let mut at = None;
         let mut found = Vec::new();
-        for row in 0..48 {
-            for column in 0..32 {
+        let places = (0..48).flat_map(|row| (0..32).map(move |column| (row, column)));
+        for shown in [Page::Scene, Page::Scenes] {
+            for (row, column) in places.clone() {
+                turn_to(&context, shown);
                 let place = [(column as f32 + 0.5) / 32.0, (row as f32 + 0.5) / 48.0];
                 for (pressed, released) in [(false, false), (true, false), (false, true)] {
                     let events =
@@ -341,16 +379,42 @@ mod tests {
             MenuCommand::Time(TimeCommand::Repeat(Repeat::Once)),
             MenuCommand::Save,
             MenuCommand::Open(0),
-            MenuCommand::Open(1),
-            // The last row.
+            MenuCommand::Open(4),
             MenuCommand::Recentre,
             MenuCommand::Reset,
             MenuCommand::Measure,
+            MenuCommand::Surroundings(true),
         ] {
             assert!(found.contains(&wanted), "{wanted:?} cannot be reached");
         }
         let scrubbed = |c: &MenuCommand| matches!(c, MenuCommand::Time(TimeCommand::Scrub(t)) if *t > 0.5);
         assert!(found.iter().any(scrubbed));
+        assert_eq!(page(&context), Page::Scenes, "nothing is clicked in the last corner");
+    }
+
+    #[test]
+    fn a_scene_that_is_chosen_turns_the_page_back() {
+        let context = context();
+        let mut at = None;
+        let mut click = |u: f32, v: f32| {
+            let mut found = Vec::new();
+            for (pressed, released) in [(false, false), (true, false), (false, true), (false, false)] {
+                let events = PanelEvents { pointer: Some([u, v]), pressed, released, ..Default::default() };
+                found.extend(frame(&context, events, &mut at));
+            }
+            found
+        };
+        // The tab is somewhere below the head.
+        let turned = (0..60).map(|i| 0.05 + 0.005 * i as f32).find(|&v| {
+            click(0.4, v);
+            page(&context) == Page::Scenes
+        });
+        assert!(turned.is_some(), "the page of scenes cannot be reached");
+        let opened = (0..60).map(|i| 0.15 + 0.01 * i as f32).find(|&v| {
+            turn_to(&context, Page::Scenes);
+            click(0.15, v) == [MenuCommand::Open(0)]
+        });
+        assert!(opened.is_some() && page(&context) == Page::Scene);
     }
 
     #[test]
@@ -359,6 +423,7 @@ mod tests {
         let mut at = None;
         let pointing = |u: f32, v: f32| PanelEvents { pointer: Some([u, v]), ..Default::default() };
         let mut clicks = |u, v| {
+            turn_to(&context, Page::Scene);
             let mut found = Vec::new();
             for (pressed, released) in [(false, false), (true, false), (false, true), (false, false)] {
                 found.extend(frame(&context, PanelEvents { pressed, released, ..pointing(u, v) }, &mut at));

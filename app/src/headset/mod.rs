@@ -6,17 +6,21 @@
 
 mod comfort;
 mod input;
+mod joints;
 mod locomotion;
 pub mod menu;
 mod panel;
 mod placement;
 mod pose;
 mod settings;
+mod shelf;
 
 pub use comfort::{Comfort, Vignette};
 pub use input::{Hand, HandInput, Input};
+pub use joints::{Joints, Pinches};
 pub use locomotion::Locomotion;
 pub use panel::{PANEL_SIZE, Panel, PanelEvents};
 pub use placement::{Placement, yaw_of};
 pub use pose::{Eye, EyeFov, Pose};
 pub use settings::{HeadsetSettings, SettingsError};
+pub use shelf::{Listed, Offered};

@@ -6,7 +6,6 @@ use std::time::Duration;
 use motes_app::governor::Budget;
 use motes_app::headset::HeadsetSettings;
 use motes_app::loader::{SceneSource, Storage};
-use motes_app::lod::Tuning;
 use motes_app::opened::Opened;
 use motes_renderer::{Lens, Packing, RenderConfig, pipeline_cache};
 use motes_scenes::LoadOptions;
@@ -36,8 +35,8 @@ pub struct XrArgs {
     #[arg(long, value_name = "FILE", conflicts_with = "replay")]
     pub record: Option<PathBuf>,
     /// Draw a recorded session of the same scene again, without a headset. With the options that it was recorded with,
-    /// and without --budget, every pixel is the same
-    #[arg(long, value_name = "FILE", requires = "output")]
+    /// and without --budget, every pixel is the same. In a window, or by -o into files
+    #[arg(long, value_name = "FILE")]
     pub replay: Option<PathBuf>,
     /// Where the replayed session's pictures go, both eyes side by side: a folder, or an animated picture (.png)
     #[arg(short, long, value_name = "OUT", requires = "replay")]
@@ -114,11 +113,15 @@ pub fn run(args: &XrArgs) -> Result<Outcome, CommandError> {
     let budget = args.budget.or(settings.budget);
     // The session draws at this size: nothing is left to bring back to full size.
     let at_full_size = RenderConfig { resolution_scale: 1.0, ..config.clone() };
-    if let (Some(session), Some(output)) = (&args.replay, &args.output) {
+    if let Some(session) = &args.replay {
         let script = Script::read(session)?;
         let opened = Opened::load_to_play(&args.scenes.paths(), &LoadOptions::default())?;
         let device = DeviceArgs { device: None, validation: args.validation };
         let options = ReplayOptions { storage, config: at_full_size, comfort: settings.comfort, budget };
+        let Some(output) = &args.output else {
+            window::preview(script, opened, options, args.validation)?;
+            return Ok(Outcome::Shown);
+        };
         let frames = replay(&device.offscreen()?, &opened, script, &options, output)?;
         eprintln!("{frames} frames: {}", output.display());
         return Ok(Outcome::Shown);
@@ -133,6 +136,7 @@ pub fn run(args: &XrArgs) -> Result<Outcome, CommandError> {
             resolution_scale: config.resolution_scale,
             left_handed: settings.comfort.left_handed,
             bindings: settings.bindings,
+            whole_images: false,
         },
         config: at_full_size,
         runtime: RuntimeOptions { validation: args.validation, readable: false },
@@ -141,6 +145,7 @@ pub fn run(args: &XrArgs) -> Result<Outcome, CommandError> {
         patience: Duration::from_secs(args.patience),
         folder: args.folder.clone(),
         measurements: args.measurements.clone(),
+        thumbnails: pipeline_cache::default_folder().map(|folder| folder.with_file_name("thumbnails")),
         report: args.report.clone(),
     };
     match show(&(), &options, &mut || false) {
@@ -167,7 +172,6 @@ pub fn open_window(args: &XrArgs) -> Result<(), CommandError> {
         config: args.config(),
         by_plan: args.config.by_plan(),
         budget: args.budget,
-        lod_target: Tuning::default().target,
         stereo: false,
         panel: true,
         size: [1600, 900],

@@ -4,5 +4,3 @@ pub mod cross;
 pub mod fit;
 pub mod observe;
 pub mod plots;
-pub mod stream;
-pub mod walk;

@@ -1,6 +1,7 @@
 //! The window: winit's events in, frames out. What the viewer does is in `motes_app`.
 
 mod input;
+mod preview;
 mod screen;
 mod swapchain;
 
@@ -17,7 +18,7 @@ use winit::application::ApplicationHandler;
 use winit::event::{ElementState, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop};
 use winit::keyboard::PhysicalKey;
-use winit::raw_window_handle::{HasDisplayHandle, HasWindowHandle};
+use winit::raw_window_handle::{HasDisplayHandle, HasWindowHandle, RawDisplayHandle};
 use winit::window::{Window, WindowId};
 
 use crate::error::CommandError;
@@ -26,6 +27,7 @@ use input::{Gamepads, Input};
 use screen::Screen;
 
 pub use input::KEYS;
+pub use preview::preview;
 
 /// How the window is opened.
 #[derive(Clone, Debug)]
@@ -38,8 +40,6 @@ pub struct WindowOptions {
     pub by_plan: Option<Overrides>,
     /// What a frame may take; nothing is held without.
     pub budget: Option<Budget>,
-    /// Of a file of levels: SSIM to keep.
-    pub lod_target: f64,
     /// Both eyes side by side.
     pub stereo: bool,
     /// Whether the panel is shown.
@@ -61,11 +61,7 @@ pub struct WindowOptions {
 /// # Errors
 /// There is no display or device, or the device was lost.
 pub fn run(options: WindowOptions) -> Result<(), CommandError> {
-    let event_loop = match EventLoop::new() {
-        Ok(event_loop) if has_display() => event_loop,
-        Ok(_) => return Err(no_display("neither DISPLAY nor WAYLAND_DISPLAY is set")),
-        Err(error) => return Err(no_display(&error.to_string())),
-    };
+    let event_loop = event_loop()?;
     event_loop.set_control_flow(ControlFlow::Poll);
     let mut shell = Shell { options, open: None, result: Ok(()) };
     event_loop.run_app(&mut shell).map_err(|e| CommandError::Usage(format!("the window system: {e}")))?;
@@ -74,6 +70,25 @@ pub fn run(options: WindowOptions) -> Result<(), CommandError> {
         shell.result = shell.result.and(ended);
     }
     shell.result
+}
+
+fn event_loop() -> Result<EventLoop<()>, CommandError> {
+    match EventLoop::new() {
+        Ok(event_loop) if has_display() => Ok(event_loop),
+        Ok(_) => Err(no_display("neither DISPLAY nor WAYLAND_DISPLAY is set")),
+        Err(error) => Err(no_display(&error.to_string())),
+    }
+}
+
+/// A device that can show pictures on a display; `device`: part of its name.
+fn way(display: RawDisplayHandle, device: Option<String>) -> Result<Plain, CommandError> {
+    let extensions = ash_window::enumerate_required_extensions(display).map_err(window_error)?;
+    let surface_extensions = extensions
+        .iter()
+        // SAFETY: the list holds terminated strings that live as long as the program.
+        .map(|&name| unsafe { std::ffi::CStr::from_ptr(name) }.to_owned())
+        .collect();
+    Ok(Plain { surface_extensions, device })
 }
 
 fn has_display() -> bool {
@@ -165,13 +180,7 @@ impl Open {
         let window = Arc::new(event_loop.create_window(attributes).map_err(window_error)?);
         let display = window.display_handle().map_err(window_error)?.as_raw();
         let handle = window.window_handle().map_err(window_error)?.as_raw();
-        let surface_extensions = ash_window::enumerate_required_extensions(display)
-            .map_err(window_error)?
-            .iter()
-            // SAFETY: the list holds terminated strings that live as long as the program.
-            .map(|&name| unsafe { std::ffi::CStr::from_ptr(name) }.to_owned())
-            .collect();
-        let way = Plain { surface_extensions, device: options.device.clone() };
+        let way = way(display, options.device.clone())?;
         let gpu = Gpu::new(&way, &GpuOptions { validation: options.validation })?;
         let context = egui::Context::default();
         let egui = egui_winit::State::new(
@@ -184,7 +193,6 @@ impl Open {
         );
         let screen = Screen::new(&gpu, display, handle, window.inner_size().into(), options.paced)?;
         let mut viewer = Viewer::new(&gpu, options.config.clone());
-        viewer.detail.target = options.lod_target;
         viewer.stereo = options.stereo;
         viewer.panel = options.panel;
         viewer.by_plan = options.by_plan;

@@ -219,7 +219,7 @@ impl From<PainterError> for CommandError {
 }
 
 /// Brings the eyes' pictures onto the window's image, which is left as a copy's destination; without eyes it is grey.
-fn to_window(
+pub fn to_window(
     gpu: &Gpu,
     commands: vk::CommandBuffer,
     acquired: &Acquired,

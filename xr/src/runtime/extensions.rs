@@ -12,6 +12,9 @@ pub struct Optional {
     pub performance_settings: bool,
     pub layer_settings: bool,
     pub touch_plus: bool,
+    pub visibility_mask: bool,
+    pub passthrough: bool,
+    pub hand_tracking: bool,
 }
 
 impl Optional {
@@ -25,6 +28,9 @@ impl Optional {
             performance_settings: offered.ext_performance_settings,
             layer_settings: offered.fb_composition_layer_settings,
             touch_plus: offered.meta_touch_controller_plus,
+            visibility_mask: offered.khr_visibility_mask,
+            passthrough: offered.fb_passthrough,
+            hand_tracking: offered.ext_hand_tracking,
         };
         wanted.ext_local_floor = optional.local_floor;
         wanted.fb_display_refresh_rate = optional.refresh_rate;
@@ -32,6 +38,9 @@ impl Optional {
         wanted.ext_performance_settings = optional.performance_settings;
         wanted.fb_composition_layer_settings = optional.layer_settings;
         wanted.meta_touch_controller_plus = optional.touch_plus;
+        wanted.khr_visibility_mask = optional.visibility_mask;
+        wanted.fb_passthrough = optional.passthrough;
+        wanted.ext_hand_tracking = optional.hand_tracking;
         (wanted, optional)
     }
 
@@ -45,10 +54,21 @@ impl Optional {
         };
         check(self.local_floor, "no XR_EXT_local_floor: the floor is the stage's, or is assumed");
         check(self.refresh_rate, "no XR_FB_display_refresh_rate: the display's rate is not chosen");
-        check(self.hand_interaction, "no XR_EXT_hand_interaction: hands without controllers do nothing");
+        let hands = match (self.hand_interaction, self.hand_tracking) {
+            (true, _) => "",
+            (false, true) => "no XR_EXT_hand_interaction: pinches are found from the joints of the hands",
+            (false, false) => {
+                "neither XR_EXT_hand_interaction nor XR_EXT_hand_tracking: hands without controllers do \
+                               nothing"
+            }
+        };
+        check(hands.is_empty(), hands);
         check(self.performance_settings, "no XR_EXT_performance_settings: clocks are left to the system");
         check(self.layer_settings, "no XR_FB_composition_layer_settings: the compositor does not sharpen");
+        check(self.passthrough, "no XR_FB_passthrough: the surroundings cannot be shown");
+        check(self.visibility_mask, "no XR_KHR_visibility_mask: what the lenses' rims hide is drawn too");
         check(self.touch_plus, "no XR_META_touch_controller_plus: such controllers act as Touch");
+        lines.push("foveation is not driven, whether XR_FB_foveation is offered or not: the governor lowers other costs");
         lines
     }
 }

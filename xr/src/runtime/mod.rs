@@ -2,10 +2,12 @@
 
 mod actions;
 mod extensions;
+mod hands;
 mod messages;
 mod session;
 mod spaces;
 mod surfaces;
+mod surroundings;
 mod swapchain;
 mod vulkan;
 
@@ -116,6 +118,12 @@ impl Runtime {
                 }
                 _ => XrError::Call { call: "xrGetSystem", result },
             })?;
+        // Not every headset of a runtime that knows joints has cameras for them.
+        let mut optional = optional;
+        if optional.hand_tracking {
+            optional.hand_tracking =
+                instance.supports_hand_tracking(system).during("xrGetSystemProperties")?;
+        }
         let headset = instance.system_properties(system).during("xrGetSystemProperties")?;
         let views = instance
             .enumerate_view_configuration_views(system, STEREO)

@@ -1,14 +1,16 @@
 //! A session: its life, its frames.
 
 use super::actions::{Actions, from_xr, to_xr};
+use super::hands::Hands;
 use super::surfaces::{Surfaces, tune};
+use super::surroundings::Surroundings;
 use super::swapchain::{Images, Wish};
 use super::{Runtime, STEREO, spaces};
 use crate::bindings::Bindings;
 use crate::error::During;
-use crate::{EyeImages, FrameTime, Headset, MOST_QUADS, Quad, SessionState, Step, XrError};
+use crate::{EyeImages, FrameTime, Headset, HiddenArea, MOST_QUADS, Quad, SessionState, Step, XrError};
 use ash::vk::{self, Handle as _};
-use motes_app::headset::{Eye, EyeFov, Input};
+use motes_app::headset::{Eye, EyeFov, Input, Pinches};
 use motes_renderer::Target;
 use motes_renderer::gpu::Gpu;
 use openxr as xr;
@@ -29,11 +31,13 @@ pub struct SessionOptions {
     pub left_handed: bool,
     /// Changes to the default bindings.
     pub bindings: Bindings,
+    /// Draws what the lenses' rims hide, too: for those who look at the images by another way.
+    pub whole_images: bool,
 }
 
 impl Default for SessionOptions {
     fn default() -> Self {
-        Self { resolution_scale: 1.0, left_handed: false, bindings: Bindings::default() }
+        Self { resolution_scale: 1.0, left_handed: false, bindings: Bindings::default(), whole_images: false }
     }
 }
 
@@ -42,9 +46,13 @@ pub struct RuntimeHeadset {
     // In this order they are destroyed: what belongs to the session, the session, the device, the runtime.
     eyes: Images,
     surfaces: Surfaces,
+    surroundings: Option<Surroundings>,
     space: xr::Space,
     head: xr::Space,
     actions: Actions,
+    hands: Option<Hands>,
+    pinches: Pinches,
+    left_handed: bool,
     stream: xr::FrameStream<xr::Vulkan>,
     waiter: xr::FrameWaiter,
     session: xr::Session<xr::Vulkan>,
@@ -53,6 +61,9 @@ pub struct RuntimeHeadset {
     events: Box<xr::EventDataBuffer>,
     state: SessionState,
     running: bool,
+    /// What the rims hide is to be asked for.
+    mask_due: bool,
+    whole_images: bool,
 }
 
 impl RuntimeHeadset {
@@ -87,12 +98,21 @@ impl RuntimeHeadset {
             .create_reference_space(xr::ReferenceSpaceType::VIEW, xr::Posef::IDENTITY)
             .during("xrCreateReferenceSpace")?;
         tune(&runtime, &session);
+        let hands = match runtime.optional().hand_tracking {
+            true => Some(Hands::new(&session)?),
+            false => None,
+        };
+        let mask_due = runtime.optional().visibility_mask && !options.whole_images;
         Ok(Self {
             eyes,
             surfaces,
+            surroundings: None,
             space,
             head,
             actions,
+            hands,
+            pinches: Pinches::default(),
+            left_handed: options.left_handed,
             stream,
             waiter,
             session,
@@ -101,6 +121,8 @@ impl RuntimeHeadset {
             events: Box::new(xr::EventDataBuffer::new()),
             state: SessionState::Idle,
             running: false,
+            mask_due,
+            whole_images: options.whole_images,
         })
     }
 
@@ -142,6 +164,10 @@ impl RuntimeHeadset {
                 xr::Event::InteractionProfileChanged(_) => {
                     let [left, right] = self.actions.profiles(&self.runtime, &self.session);
                     log::info!("controllers: left {left}, right {right}");
+                }
+                xr::Event::VisibilityMaskChangedKHR(_) => {
+                    log::info!("what the lenses' rims hide has changed");
+                    self.mask_due = !self.whole_images;
                 }
                 xr::Event::DisplayRefreshRateChangedFB(event) => {
                     log::info!("display: {} Hz", event.to_display_refresh_rate());
@@ -255,7 +281,13 @@ impl Headset for RuntimeHeadset {
     }
 
     fn input(&mut self, frame: &FrameTime) -> Result<Input, XrError> {
-        self.actions.read(&self.session, &self.space, xr::Time::from_nanos(frame.display_time))
+        let time = xr::Time::from_nanos(frame.display_time);
+        let mut input = self.actions.read(&self.session, &self.space, time)?;
+        if let (Some(hands), true) = (&self.hands, frame.focused) {
+            let joints = hands.locate(&self.space, time)?;
+            self.pinches.add_to(&mut input, joints, self.left_handed);
+        }
+        Ok(input)
     }
 
     fn eyes(&mut self, frame: &FrameTime) -> Result<Option<[Eye; 2]>, XrError> {
@@ -278,8 +310,40 @@ impl Headset for RuntimeHeadset {
         })))
     }
 
+    fn hidden(&mut self) -> Result<Option<HiddenArea>, XrError> {
+        if !std::mem::take(&mut self.mask_due) {
+            return Ok(None);
+        }
+        let kind = xr::VisibilityMaskTypeKHR::HIDDEN_TRIANGLE_MESH;
+        let mesh = |eye| {
+            let mesh = self.session.get_visibility_mask_khr(STEREO, eye, kind);
+            mesh.during("xrGetVisibilityMaskKHR").map(|mesh| {
+                let corners: Vec<[f32; 2]> = mesh.vertices.iter().map(|v| [v.x, v.y]).collect();
+                (corners, mesh.indices)
+            })
+        };
+        let [left, right] = [mesh(0)?, mesh(1)?];
+        let area = HiddenArea::of_meshes([(&left.0, &left.1), (&right.0, &right.1)]);
+        let triangles = area.0.each_ref().map(|corners| corners.len() / 3);
+        log::info!("hidden by the lenses' rims: {triangles:?} triangles");
+        Ok(Some(area))
+    }
+
     fn target(&mut self) -> Result<Target, XrError> {
-        self.eyes.acquire()
+        let background_alpha = if self.surroundings.is_some() { 0.0 } else { 1.0 };
+        Ok(Target { background_alpha, ..self.eyes.acquire()? })
+    }
+
+    fn surroundings(&self) -> Option<bool> {
+        self.runtime.optional().passthrough.then_some(self.surroundings.is_some())
+    }
+
+    fn show_surroundings(&mut self, shown: bool) -> Result<(), XrError> {
+        self.surroundings = None;
+        if shown && self.runtime.optional().passthrough {
+            self.surroundings = Some(Surroundings::new(&self.session)?);
+        }
+        Ok(())
     }
 
     fn panel(&mut self) -> Result<Option<Target>, XrError> {
@@ -297,6 +361,11 @@ impl Headset for RuntimeHeadset {
         let projected = shown.map(|eyes| [0, 1].map(|i| projection_view(&self.eyes, &eyes[i], i as u32)));
         let mut projection = xr::CompositionLayerProjection::new().space(&self.space);
         let settings = sharpening();
+        let behind = self.surroundings.as_ref().map(Surroundings::layer);
+        if behind.is_some() {
+            // Colours are premultiplied, as this flag takes them to be.
+            projection = projection.layer_flags(xr::CompositionLayerFlags::BLEND_TEXTURE_SOURCE_ALPHA);
+        }
         if let Some(views) = &projected {
             projection = projection.views(views);
             if self.runtime.optional().layer_settings {
@@ -307,9 +376,14 @@ impl Headset for RuntimeHeadset {
             }
         }
         let mut pictures: [_; MOST_QUADS] = std::array::from_fn(|_| xr::CompositionLayerQuad::new());
-        let mut layers: [&xr::CompositionLayerBase<'_, xr::Vulkan>; 1 + MOST_QUADS] =
+        let mut layers: [&xr::CompositionLayerBase<'_, xr::Vulkan>; 2 + MOST_QUADS] =
             std::array::from_fn(|_| &*projection);
-        let mut count = usize::from(projected.is_some());
+        let mut count = 0;
+        if let Some(behind) = behind {
+            layers[0] = behind;
+            count = 1;
+        }
+        count += usize::from(projected.is_some());
         for (picture, quad) in pictures.iter_mut().zip(quads) {
             let space = if quad.follows_head { &self.head } else { &self.space };
             *picture = quad_layer(self.surfaces.swapchain(quad.surface), space, quad);

@@ -40,6 +40,7 @@ impl Viewer {
             time: self.playback.as_ref(),
             measuring: self.measurement.as_ref().map(Measurement::progress),
             scenes: &self.offered,
+            surroundings: headset.surroundings(),
             problem: &self.problem,
         };
         let seconds = frame.display_time as f64 / 1e9;
@@ -76,6 +77,14 @@ impl Viewer {
             MenuCommand::Save => self.save(),
             MenuCommand::Open(scene) => self.chosen = Some(scene),
             MenuCommand::Measure => self.measure(),
+            MenuCommand::Surroundings(shown) => {
+                if let Err(error) = headset.show_surroundings(shown) {
+                    if error.is_lost() {
+                        return Err(error);
+                    }
+                    self.problem = format!("The surroundings cannot be shown: {error}");
+                }
+            }
             MenuCommand::Time(command) => {
                 if let Some(playback) = &mut self.playback {
                     playback.obey(command);

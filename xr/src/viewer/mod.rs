@@ -7,10 +7,11 @@ mod times;
 pub use times::FrameTimes;
 
 use crate::panel_screen::PanelScreen;
-use crate::{Content, FirstView, FrameTime, Headset, Readback, SessionState, Step, XrError};
+use crate::{Content, FirstView, FrameTime, Headset, HiddenArea, Readback, SessionState, Step, XrError};
 use motes_app::governor::Governor;
-use motes_app::headset::{Comfort, Eye, Input, Locomotion, Panel, PanelEvents, Placement, Pose};
-use motes_app::lod::Tuning;
+use motes_app::headset::{
+    Comfort, Eye, EyeFov, Input, Listed, Locomotion, Offered, Panel, PanelEvents, Placement, Pose,
+};
 use motes_app::measurement::Measurement;
 use motes_app::time::TimeControl;
 use motes_renderer::order::{OrderRequest, SortWorker};
@@ -60,6 +61,9 @@ pub struct Viewer {
     /// Where measurements are written; nowhere: none are made.
     pub measurements: Option<PathBuf>,
     measurement: Option<Measurement>,
+    /// What nobody sees of the images, and the fields of view for which the renderer knows it.
+    hidden: HiddenArea,
+    hidden_for: Option<[EyeFov; 2]>,
     /// The order that was asked for last.
     requested: Option<OrderRequest>,
     head: Pose,
@@ -73,8 +77,8 @@ pub struct Viewer {
     screen: PanelScreen,
     loading: Option<f32>,
     problem: String,
-    /// Names of scenes that the panel offers.
-    offered: Vec<String>,
+    /// Scenes that the panel offers.
+    offered: Vec<Listed>,
     /// The one that the user chose.
     chosen: Option<usize>,
     last: Option<LastFrame>,
@@ -99,6 +103,8 @@ impl Viewer {
             playback: None,
             measurements: None,
             measurement: None,
+            hidden: HiddenArea::default(),
+            hidden_for: None,
             requested: None,
             head: Pose::default(),
             last_time: None,
@@ -184,9 +190,9 @@ impl Viewer {
         self.panel.open(&self.head);
     }
 
-    /// Names of scenes that the panel offers.
-    pub fn offer(&mut self, scenes: Vec<String>) {
-        self.offered = scenes;
+    /// Scenes that the panel offers.
+    pub fn offer(&mut self, scenes: &[Offered]) {
+        self.offered = Listed::on(self.screen.context(), scenes);
     }
 
     /// The scene among the offered ones that the user chose, once.
@@ -311,16 +317,16 @@ impl Viewer {
         let governed = |g: &Governor| g.apply(&self.config);
         let mut config =
             measured.or_else(|| self.governor.as_ref().map(governed)).unwrap_or_else(|| self.config.clone());
+        if headset.surroundings() == Some(true) {
+            // What is seen through adds nothing of its own.
+            config.background = [0.0; 3];
+        }
         config.near *= units;
         config.near_fade *= units;
-        let since = self.last.as_ref().map_or(0, |last| frame.display_time - last.time.display_time);
-        let since = Duration::from_nanos(since.max(0) as u64);
         if let Some(playback) = &mut self.playback {
-            config.time = playback.advance(if measures { Duration::ZERO } else { since });
-        }
-        if let Some(detail) = &mut content.detail {
-            let ease = self.governor.as_ref().map_or(0.0, Governor::detail_ease);
-            detail.advance(&views, since.as_secs_f64(), ease, Tuning::default());
+            let since = self.last.as_ref().map_or(0, |last| frame.display_time - last.time.display_time);
+            let passed = if measures { 0 } else { since.max(0) as u64 };
+            config.time = playback.advance(Duration::from_nanos(passed));
         }
         let frame_of_sequence = match (&mut content.sequence, &self.playback) {
             (Some(sequence), Some(playback)) => {
@@ -331,7 +337,18 @@ impl Viewer {
             _ => None,
         };
         sorter.set_interval(config.sort_interval);
-        let wanted = OrderRequest::new(&views, &config).of_parts(&content.scene.positions);
+        let wanted = OrderRequest::new(&views, &config);
+        if let Some(hidden) = headset.hidden()? {
+            self.hidden = hidden;
+            self.hidden_for = None;
+        }
+        let fovs = eyes.each_ref().map(|eye| eye.fov);
+        let stays_empty = self.hidden.is_empty() && self.hidden_for.is_some();
+        if self.hidden_for != Some(fovs) && !stays_empty {
+            let [left, right] = self.hidden.on_images(&eyes);
+            self.renderer.hide([&left, &right])?;
+            self.hidden_for = Some(fovs);
+        }
         times.locate = clock.lap();
         let mut newest = sorter.newest().0.made_for.unwrap_or(wanted);
         // While the scene moves, no order is older than the one that was asked for in the frame before.
