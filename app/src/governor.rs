@@ -15,7 +15,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use motes_renderer::{
-    Composite, Expansion, FrameReport, Lens, QuadShape, RenderConfig, Sorter, TargetFormat,
+    Composite, Expansion, FrameReport, Lens, QuadShape, RenderConfig, STOP_BELOW, Sorter, TargetFormat,
 };
 use serde::{Deserialize, Serialize};
 
@@ -122,7 +122,7 @@ pub enum Step {
 
 /// The ladder, from what is seen least to what is seen most. All steps up to the one in force hold.
 pub const LADDER: &[Step] = &[
-    Step::EarlyStop(1.0 / 255.0),
+    Step::EarlyStop(STOP_BELOW),
     Step::EarlyStop(1.0 / 128.0),
     Step::EarlyStop(1.0 / 64.0),
     Step::EarlyStop(1.0 / 32.0),

@@ -269,6 +269,10 @@ axis!(
     }
 );
 
+/// Transmittance below which a pixel is opaque by default: three quarters of a step of 255, so that what a stop leaves
+/// and what rounding adds stay below one step together.
+pub const STOP_BELOW: f32 = 0.003;
+
 /// Everything that decides how a frame is drawn.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -358,7 +362,7 @@ impl Default for RenderConfig {
             composite: Composite::EarlyStop,
             batches: 32,
             marks: Marks::Due,
-            stop_below: 1.0 / 255.0,
+            stop_below: STOP_BELOW,
             precision: Precision::F32,
             sh_precision: ShPrecision::F32,
             sh_degree: 3,

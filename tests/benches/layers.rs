@@ -1,7 +1,7 @@
 //! Layers per pixel of five views, 640 × 480: what the Quest report's way shades, every layer of opacity-aware
 //! octagons, what early stop leaves of them, and the least that a stop per pixel could leave.
 //!
-//! `cargo bench --bench layers [-- VIEW…]`
+//! `cargo bench --bench layers [-- VIEW… [stop-below=T…]]`: transmittances at which pixels stop, instead of the default.
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a bench may")]
 
@@ -23,7 +23,12 @@ fn measured(picture: &Picture) -> Measured {
 }
 
 fn main() {
-    let wanted: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with('-')).collect();
+    let (stops, wanted): (Vec<String>, Vec<String>) =
+        std::env::args().skip(1).filter(|a| !a.starts_with('-')).partition(|a| a.starts_with("stop-below="));
+    let mut stops: Vec<f32> = stops.iter().map(|s| s["stop-below=".len()..].parse().unwrap()).collect();
+    if stops.is_empty() {
+        stops.push(RenderConfig::default().stop_below);
+    }
     let gpu = Gpu::offscreen(&GpuOptions { validation: false }).unwrap();
     let mut offscreen = Offscreen::new(&gpu).unwrap();
     let packing = Packing { precision: Precision::F32, sh_precision: ShPrecision::F32, sh_degree: 3 };
@@ -47,14 +52,18 @@ fn main() {
             );
             picture.into_iter().next().unwrap()
         };
-        for projection in [Projection::Tangent] {
-            count(
-                &mut offscreen,
-                &format!("report {projection}"),
-                &RenderConfig { projection, ..RenderConfig::quest_report() },
-            );
-            let base = RenderConfig { projection, composite: Composite::FrontToBack, ..Default::default() };
-            let all = measured(&count(&mut offscreen, &format!("every layer {projection}"), &base));
+        let projection = Projection::Tangent;
+        let report = RenderConfig { projection, ..RenderConfig::quest_report() };
+        count(&mut offscreen, &format!("report {projection}"), &report);
+        for &stop_below in &stops {
+            let base = RenderConfig {
+                projection,
+                composite: Composite::FrontToBack,
+                stop_below,
+                ..Default::default()
+            };
+            let all =
+                measured(&count(&mut offscreen, &format!("every layer, opaque at {stop_below:.4}"), &base));
             let exact = RenderConfig { target: TargetFormat::Rgba32F, ..base.clone() };
             let all_exact = measured(&offscreen.render(&scene, &views, &exact).unwrap().0[0]);
             println!(
@@ -70,8 +79,11 @@ fn main() {
                 (Marks::Due, 128),
             ] {
                 let config = RenderConfig { composite: Composite::EarlyStop, batches, marks, ..base.clone() };
-                let label = format!("stop {projection} {batches} {marks}");
-                let picture = measured(&count(&mut offscreen, &label, &config));
+                let picture = measured(&count(
+                    &mut offscreen,
+                    &format!("stop at {stop_below:.4} {batches} {marks}"),
+                    &config,
+                ));
                 let flip = compare(&all, &picture, &Settings::default()).unwrap().flip.mean;
                 // Half floats lose the last layers of many, here by truncation: without a stop more than with it.
                 let exact = RenderConfig { target: TargetFormat::Rgba32F, ..config };

@@ -81,6 +81,7 @@ fn play(whole_frames: bool) -> Seen {
     let mut offscreen = Offscreen::new(&gpu).unwrap();
     let mut seen = Seen { times: Vec::new(), oldest: 0 };
     let mut wanted = Vec::new();
+    let mut before = None;
     while viewer.step(&mut headset).unwrap().is_none() {
         let frame = seen.times.len();
         let last = *viewer.last_frame().unwrap();
@@ -94,17 +95,18 @@ fn play(whole_frames: bool) -> Seen {
         let age = wanted.iter().rev().position(|&center| center == last.used.center);
         seen.oldest = seen.oldest.max(age.unwrap());
         let at = |time| RenderConfig { time, ..RenderConfig::default() };
-        let (expected, _) = offscreen.render(&scene, &last.views, &at(last.wanted.time)).unwrap();
-        if !frame.is_multiple_of(6) {
-            // The head stood still: the order was made for the very place.
-            assert_eq!(last.used, last.wanted, "frame {frame}");
-            for eye in 0..2 {
-                assert!(pictures[eye] == expected[eye], "frame {frame}, eye {eye}");
-            }
+        // Where the head stood still the order was made for the very place; where it has just moved, for the place before.
+        assert!(frame.is_multiple_of(6) || last.used == last.wanted, "frame {frame}");
+        let sorted_from = if last.used.center == last.wanted.center { last.views } else { before.unwrap() };
+        before = Some(last.views);
+        offscreen.sort(&scene, &sorted_from, &at(last.used.time));
+        let (expected, _) = offscreen.picture(&scene, &last.views, &at(last.wanted.time)).unwrap();
+        for eye in 0..2 {
+            assert!(pictures[eye] == expected[eye], "frame {frame}, eye {eye}");
         }
         // Controls: another time, and the other eye.
-        let before = at(last.wanted.time - PERIOD as f32 / 1e9);
-        let (early, _) = offscreen.render(&scene, &last.views, &before).unwrap();
+        let early = at(last.wanted.time - PERIOD as f32 / 1e9);
+        let (early, _) = offscreen.render(&scene, &last.views, &early).unwrap();
         assert!(pictures[0] != early[0] && pictures[1] != early[1], "frame {frame} is not the one before");
         assert!(pictures[0] != pictures[1]);
         seen.times.push(last.wanted.time);

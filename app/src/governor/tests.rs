@@ -68,7 +68,7 @@ const WITHOUT_HYSTERESIS: Tuning =
 
 #[test]
 fn the_first_level_changes_nothing_and_every_further_one_something() {
-    // Early stop at 1/255 is what the default does anyway.
+    // Early stop at its own transmittance is what the default does anyway.
     let config = RenderConfig::default();
     assert_eq!(at_level(&config, 0), config);
     assert_eq!(at_level(&config, 1), config);
@@ -152,7 +152,7 @@ fn under_a_constant_load_it_comes_to_rest() {
         assert!(load.at(level) <= LIMIT || last && level == LADDER.len(), "seed {seed}: over at {level}");
         // The level below that differs would not leave the margin, as far as it knows.
         if level > 1 {
-            // The default stops at 1/255 anyway: below the second level there is nothing but the first of all.
+            // The default stops there anyway: below the second level there is nothing but the first of all.
             let below = if level == 2 { 0 } else { level - 1 };
             let most = load.at(below).max(load.at(level) * Tuning::default().guess);
             assert!(most > LIMIT * (1.0 - 2.0 * Tuning::default().margin), "seed {seed}: idle at {level}");
