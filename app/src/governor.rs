@@ -123,10 +123,10 @@ pub enum Step {
 /// The ladder, from what is seen least to what is seen most. All steps up to the one in force hold.
 pub const LADDER: &[Step] = &[
     Step::EarlyStop(STOP_BELOW),
-    Step::EarlyStop(1.0 / 128.0),
-    Step::EarlyStop(1.0 / 64.0),
-    Step::EarlyStop(1.0 / 32.0),
-    Step::EarlyStop(1.0 / 20.0),
+    Step::EarlyStop(0.006),
+    Step::EarlyStop(0.012),
+    Step::EarlyStop(0.025),
+    Step::EarlyStop(0.05),
     Step::Contribution(0.25),
     Step::Contribution(0.5),
     Step::Contribution(1.0),

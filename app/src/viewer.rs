@@ -37,6 +37,8 @@ pub enum Command {
     Time(TimeCommand),
     /// Shows or hides the panel.
     SwitchPanel,
+    /// The next heat map, or none after the last.
+    SwitchHeatMap,
     /// Saves a picture.
     Screenshot,
     /// Ends the program.
@@ -289,7 +291,7 @@ impl Viewer {
         }
     }
 
-    /// Does what was asked for. Screenshots and quitting are the caller's.
+    /// Does what was asked for. Heat maps, screenshots and quitting are the caller's.
     pub fn obey(&mut self, command: Command) {
         match command {
             Command::SwitchMode => {
@@ -316,7 +318,7 @@ impl Viewer {
                 self.config.time = self.time.time();
             }
             Command::SwitchPanel => self.panel = !self.panel,
-            Command::Screenshot | Command::Quit => {}
+            Command::SwitchHeatMap | Command::Screenshot | Command::Quit => {}
         }
     }
 

@@ -13,6 +13,7 @@ use motes_scenes::{SH_C0, Splats};
 
 use crate::error::CommandError;
 use crate::measure::{ColourMap, Picture, coloured, flip_map};
+use crate::studio::reference_pictures;
 
 /// What a heat map shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -88,6 +89,37 @@ impl Heat {
             });
         }
         Ok(Some(maps))
+    }
+
+    /// The map, whatever it is of, by the reference: a picture for each view.
+    ///
+    /// `drawn` are the pictures whose error is shown; no other map needs them.
+    ///
+    /// # Errors
+    /// The reference's; a scene without labels.
+    pub fn pictures(
+        self,
+        splats: &Splats,
+        classes: &[Class],
+        views: &[View],
+        config: &RenderConfig,
+        drawn: &[Picture],
+    ) -> Result<Vec<Picture>, CommandError> {
+        if let Some(maps) = self.of_pixels(splats, views, config, drawn)? {
+            return Ok(maps);
+        }
+        let Some(first) = views.first() else { return Ok(Vec::new()) };
+        let painted = self.of_splats(splats, first, classes)?;
+        reference_pictures(painted.as_ref().unwrap_or(splats), views, config, false)
+    }
+
+    /// Its colours from the least to the most; none where they are names.
+    pub fn colours(self) -> Option<ColourMap> {
+        match self {
+            Self::Layers | Self::Hidden | Self::ProjectionError | Self::Density => Some(ColourMap::Viridis),
+            Self::Error => Some(ColourMap::Magma),
+            Self::Labels => None,
+        }
     }
 
     /// The scene with its splats coloured by a quantity of theirs, seen from a view; `None` for a quantity of pixels.

@@ -22,6 +22,7 @@ Space           stop or continue time
 , .             a frame back or on (Shift: a tenth of the scene)
 [ ]             half or twice the speed
 R, L            time backwards; at the ends loop, turn round or stop
+H               heat maps of what is seen, one after another: layers, hidden layers, error, …
 P               save a picture
 Tab             show or hide the panel
 Esc             quit
@@ -74,6 +75,7 @@ impl Input {
             KeyCode::BracketRight => Command::Time(TimeCommand::Faster),
             KeyCode::KeyR => Command::Time(TimeCommand::Reverse),
             KeyCode::KeyL => Command::Time(TimeCommand::NextRepeat),
+            KeyCode::KeyH => Command::SwitchHeatMap,
             KeyCode::KeyP => Command::Screenshot,
             KeyCode::Tab => Command::SwitchPanel,
             KeyCode::Escape => Command::Quit,

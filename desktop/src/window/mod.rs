@@ -1,5 +1,6 @@
 //! The window: winit's events in, frames out. What the viewer does is in `motes_app`.
 
+mod heat;
 mod input;
 mod preview;
 mod screen;
@@ -23,6 +24,7 @@ use winit::window::{Window, WindowId};
 
 use crate::error::CommandError;
 use crate::studio::no_complaints;
+use heat::HeatMap;
 use input::{Gamepads, Input};
 use screen::Screen;
 
@@ -113,6 +115,7 @@ struct Shell {
 struct Open {
     screen: Screen,
     viewer: Viewer,
+    heat: HeatMap,
     gpu: Arc<Gpu>,
     egui: egui_winit::State,
     input: Input,
@@ -151,7 +154,7 @@ impl ApplicationHandler for Shell {
     fn about_to_wait(&mut self, event_loop: &ActiveEventLoop) {
         let Some(open) = &mut self.open else { return };
         let now = Instant::now();
-        if now < open.awake || open.viewer.is_busy() || open.gamepads.is_moved() {
+        if now < open.awake || open.viewer.is_busy() || open.heat.is_busy() || open.gamepads.is_moved() {
             event_loop.set_control_flow(ControlFlow::Poll);
             open.window.request_redraw();
         } else {
@@ -204,6 +207,7 @@ impl Open {
         Ok(Self {
             screen,
             viewer,
+            heat: HeatMap::default(),
             gpu,
             egui,
             input,
@@ -257,6 +261,7 @@ impl Open {
     fn obey(&mut self, command: Command) -> Result<bool, CommandError> {
         match command {
             Command::Quit => return Ok(false),
+            Command::SwitchHeatMap => self.heat.switch(),
             Command::Screenshot => match self.picture() {
                 Ok(file) => {
                     println!("{}", file.display());
@@ -306,9 +311,11 @@ impl Open {
 
         let raw = self.egui.take_egui_input(&self.window);
         let context = self.egui.egui_ctx().clone();
-        let (viewer, figures) = (&mut self.viewer, &self.screen.figures);
+        self.heat.update(&context, &mut self.viewer, &mut self.screen);
+        let (viewer, figures, heat) = (&mut self.viewer, &self.screen.figures, &self.heat);
         let device = &self.gpu.capabilities.device;
         let output = context.run_ui(raw, |ui| {
+            heat.show(ui);
             if viewer.panel {
                 egui::Panel::right("panel").default_size(330.0).show(ui, |ui| {
                     commands.extend(motes_app::panel::show(ui, viewer, figures, device));

@@ -183,9 +183,15 @@ impl Screen {
     /// # Errors
     /// There is no scene yet, or the driver's.
     pub fn picture(&mut self, viewer: &mut Viewer) -> Result<Picture, CommandError> {
-        let size = self.swapchain.size();
-        let views = viewer.views(size);
-        let config = self.accept(viewer, &views);
+        side_by_side(&self.pictures(viewer, &viewer.views(self.swapchain.size()))?)
+    }
+
+    /// The scene that is shown, from these views.
+    ///
+    /// # Errors
+    /// There is no scene yet, or the driver's.
+    pub fn pictures(&mut self, viewer: &mut Viewer, views: &[View]) -> Result<Vec<Picture>, CommandError> {
+        let config = self.accept(viewer, views);
         let Some(stage) = &viewer.stage else {
             return Err(CommandError::Usage("there is no scene to take a picture of yet".into()));
         };
@@ -193,8 +199,8 @@ impl Screen {
             Some(offscreen) => offscreen,
             none => none.insert(Offscreen::new(&self.gpu)?),
         };
-        let (pictures, _) = offscreen.render(stage.shown(), &views, &config)?;
-        side_by_side(&pictures.iter().map(picture_of).collect::<Result<Vec<_>, _>>()?)
+        let (pictures, _) = offscreen.render(stage.shown(), views, &config)?;
+        pictures.iter().map(picture_of).collect()
     }
 }
 
