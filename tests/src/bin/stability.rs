@@ -93,12 +93,12 @@ Rows that are held elsewhere:
 | storage-buffer limit of 128 MiB per binding | `hard_faults`: `streams_are_split_at_the_limit`, `scenes_beyond_every_binding_are_refused` |
 | det overflow and underflow | sweeps `scale`, `scale-magnified`; `scales_whose_exponential_overflows` |
 | halves: overflow, flushed subnormals; the halo | `hard_precision` (model in software), `precision` |
-| radix sort: n = 0 … block ± 1, sorted, reversed, equal, maximal | `renderer/src/order.rs`: `radix_sort_equals_the_stable_sort`; `hard_poison`: `radix_sort_is_the_stable_sort` |
+| radix sort: n = 0 … block ± 1, sorted, reversed, equal, maximal | `renderer/src/order/radix.rs`: `radix_sort_equals_the_stable_sort`; `hard_poison`: `radix_sort_is_the_stable_sort` |
 | stale order | `hard_temporal`: `stale_orders_stay_bounded`, `turning_the_head_changes_no_radial_order` |
 | needles and sub-pixel splats under a moving camera | `hard_temporal`: `thin_and_distant_splats_do_not_shimmer` |
 | out of memory, no Vulkan, missing features, window of zero size, file that vanishes | `hard_faults` |
 | a file that shrinks while it is read | `scenes/tests/loading.rs`: `a_file_that_shrinks_while_it_is_read_is_an_error` |
-| published GPU sorts broken on Adreno and lavapipe | no test: the order is sorted on the processor |
+| published GPU sorts broken on Adreno and lavapipe | `order`: `both_sorts_agree_with_the_stable_sort`, `a_million_keys_agree_and_repeat`, with several sizes of workgroups; nothing of an Adreno |
 | swapchain out of date, no display | no test here: a window's affair, not the renderer's |
 | device lost in earnest | no test: no software driver can lose its device; `hard_faults` checks the message |
 ";
