@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use glam::DVec3;
 use motes_app::eye::EyeMotion;
 use motes_app::loader::{LoadRequest, Loaded, Loader, SceneSource, Storage};
+use motes_app::thumbnail::Thumbnail;
 use motes_app::viewer::Viewer;
 use motes_renderer::{
     Fov, Offscreen, Packing, Picture, Precision, RenderConfig, SceneOnDevice, ShPrecision, View,
@@ -60,7 +61,10 @@ fn parts_come_before_the_whole_and_look_like_it() {
     while !loaded.last().is_some_and(|l| l.whole) {
         assert!(begun.elapsed() < Duration::from_secs(120), "it never comes");
         match loader.poll() {
-            Some(result) => loaded.push(result.unwrap()),
+            Some(result) => {
+                loaded.push(result.unwrap());
+                println!("{} splats after {:?}", loaded[loaded.len() - 1].scene.splats, begun.elapsed());
+            }
             None => std::thread::sleep(Duration::from_millis(1)),
         }
     }
@@ -84,6 +88,38 @@ fn parts_come_before_the_whole_and_look_like_it() {
     let [early, narrow] = [early, narrow].map(|picture| psnr(&colours(&picture), &colours(&last)));
     println!("a quarter of the splats: {early:.1} dB; of their own size {narrow:.1} dB");
     assert!(early > 24.0 && early > narrow + 6.0, "{early} {narrow}");
+}
+
+#[test]
+fn a_small_picture_of_a_scene_is_kept_from_its_first_opening_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let [path, thumbnails] = ["ground.ply", "thumbnails"].map(|name| folder.path().join(name));
+    save(&path, &ground(5000)).unwrap();
+    let gpu = TestGpu::new();
+    let file = Thumbnail::file(&thumbnails, &path);
+    let load = || {
+        let source = SceneSource::Files(vec![path.clone()]);
+        let storage = Storage::As(PACKING);
+        let request = LoadRequest { source, storage, thumbnails: Some(thumbnails.clone()) };
+        let mut loader = Loader::start(&gpu, request).unwrap();
+        loop {
+            match loader.poll() {
+                Some(loaded) => return loaded.unwrap(),
+                None => std::thread::sleep(Duration::from_millis(1)),
+            }
+        }
+    };
+    assert!(!file.exists());
+    let loaded = load();
+    let kept = Thumbnail::load(&file).unwrap();
+    let taken = Thumbnail::take(&gpu, &loaded.opened, &loaded.scene, &loaded.framing).unwrap();
+    assert!(kept == taken, "the file holds what was taken");
+    let bright = kept.rgb().iter().filter(|v| **v > 100).count();
+    assert!(bright > kept.rgb().len() / 20, "the ground is seen: {bright}");
+    // What is kept already is not taken anew.
+    let written = std::fs::metadata(&file).unwrap().modified().unwrap();
+    drop(load());
+    assert_eq!(std::fs::metadata(&file).unwrap().modified().unwrap(), written);
 }
 
 #[test]

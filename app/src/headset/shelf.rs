@@ -44,20 +44,21 @@ impl Listed {
 
 /// Pictures side by side.
 const COLUMNS: usize = 3;
-/// Width of a picture on the panel, points.
-const WIDTH: f32 = 140.0;
+/// Width of a picture on the panel, points: with padding and spaces, as many as there are columns fit its 480.
+const WIDTH: f32 = 122.0;
 
 /// Lays the page out; a click opens a scene.
 pub(super) fn show(ui: &mut Ui, scenes: &[Listed], shown: &str, commands: &mut Vec<MenuCommand>) {
     let size = egui::vec2(WIDTH, WIDTH * SIZE[1] as f32 / SIZE[0] as f32);
+    let padded = size + 2.0 * ui.spacing().button_padding;
     ScrollArea::vertical().show(ui, |ui| {
         Grid::new("scenes").num_columns(COLUMNS).show(ui, |ui| {
             for (i, scene) in scenes.iter().enumerate() {
                 ui.vertical(|ui| {
-                    ui.set_max_width(WIDTH);
+                    ui.set_max_width(padded.x);
                     let button = match &scene.picture {
                         Some(picture) => Button::image(Image::new((picture.id(), size))),
-                        None => Button::new("not opened yet").min_size(size),
+                        None => Button::new("not opened yet").min_size(padded),
                     };
                     if ui.add(button.selected(scene.name == shown)).clicked() {
                         commands.push(MenuCommand::Open(i));
