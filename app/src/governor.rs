@@ -5,6 +5,7 @@
 //! areas of all polygons, less what early stop is predicted to hide), so that it is the same on every machine and every
 //! run. The governor answers with a ladder of small steps, in this order: early stop at a higher transmittance, a
 //! threshold on a splat's contribution, a cap on radii, the resolution. Each changes pictures more than the one before.
+//! A scene with levels of detail ([`crate::lod`]) lowers its target with every step.
 //!
 //! It does not swing. A frame over the budget moves it up; it comes down only where the step below is expected to fit
 //! with a margin, which it knows from what that step saved when it was taken, and only after frames in a row said so.
@@ -394,6 +395,11 @@ impl Governor {
             Some(s) => s.ratio.min(self.tuning.guess),
             None => self.tuning.guess,
         }
+    }
+
+    /// By how much the target of levels of detail is lowered, SSIM: 0.01 for each step of the ladder, at most 0.1.
+    pub fn detail_ease(&self) -> f64 {
+        0.01 * self.level.min(10) as f64
     }
 
     /// The next level that changes anything; the same where there is none.

@@ -12,6 +12,7 @@ use motes_scenes::statement::Statement;
 use motes_scenes::{CancelToken, EarlyCallback, LoadOptions, Scene, SceneError};
 
 use crate::framing::Framing;
+use crate::lod::{Detail, Resident, Tuning};
 use crate::opened::{Opened, name_of};
 use crate::thumbnail::Thumbnail;
 
@@ -36,6 +37,8 @@ pub enum SceneSource {
     Files(Vec<PathBuf>),
     /// One that was read before.
     Memory(Arc<Opened>),
+    /// A file of levels, read on the way into so many bytes.
+    Within(PathBuf, u64),
 }
 
 /// How a scene is to be stored on the device.
@@ -77,7 +80,9 @@ pub struct Loaded {
     /// The scene in memory.
     pub opened: Arc<Opened>,
     /// The scene on the device.
-    pub scene: SceneOnDevice,
+    pub scene: Arc<SceneOnDevice>,
+    /// Its levels of detail, where it has any.
+    pub detail: Option<Detail>,
     /// Its dense part.
     pub framing: Framing,
     /// The plan by which it is stored, where there is one; none of a part.
@@ -89,9 +94,11 @@ pub struct Loaded {
 impl Loaded {
     fn new(gpu: &Arc<Gpu>, opened: Arc<Opened>, storage: Storage, whole: bool) -> Result<Self, GpuError> {
         let (packing, plan) = storage.of(&opened);
-        let scene = SceneOnDevice::new(gpu, &opened.scene.splats, packing)?;
+        let scene = Arc::new(SceneOnDevice::new(gpu, opened.stored(), packing)?);
+        let levels = opened.levels.clone();
+        let detail = levels.map(|levels| Detail::whole(levels, scene.clone(), Tuning::default()));
         let framing = Framing::of(&opened.scene.splats, &opened.settings);
-        Ok(Self { opened, scene, framing, plan: plan.filter(|_| whole), whole })
+        Ok(Self { opened, scene, detail, framing, plan: plan.filter(|_| whole), whole })
     }
 }
 
@@ -158,10 +165,23 @@ impl Worker {
         })
     }
 
+    /// Opens a file of levels. The coarsest stands for the scene: for what it looks like as a whole.
+    fn within(&self, path: PathBuf, bytes: u64) -> Result<Loaded, LoadError> {
+        let options = LoadOptions { cancel: self.cancel.clone(), level: u32::MAX, ..Default::default() };
+        let opened = Arc::new(Opened::load(std::slice::from_ref(&path), &options)?);
+        let (packing, plan) = self.storage.of(&opened);
+        let (resident, choice) = Resident::open(&self.gpu, &path, packing, bytes, Tuning::default())?;
+        let framing = Framing::of(&opened.scene.splats, &opened.settings);
+        let scene = resident.scene().clone();
+        let detail = Some(Detail::within(resident, choice));
+        Ok(Loaded { opened, scene, detail, framing, plan, whole: true })
+    }
+
     fn load(&self, source: SceneSource) -> Result<Loaded, LoadError> {
         let opened = match source {
             SceneSource::Files(paths) => Arc::new(self.read(&paths)?),
             SceneSource::Memory(opened) => opened,
+            SceneSource::Within(path, bytes) => return self.within(path, bytes),
         };
         self.tell(format!("uploading {}", opened.name), 1.0);
         let loaded = Loaded::new(&self.gpu, opened, self.storage, true)?;

@@ -1,15 +1,20 @@
 //! A scene as the viewer opens it: its splats, how it stands in the world, and the cameras that belong to it.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use glam::{DMat3, DQuat, DVec3};
 use motes_renderer::{Fov, View};
 use motes_scenes::cameras::{self, Camera};
 use motes_scenes::labels::{Class, Labels, class_colour};
+use motes_scenes::levels::LevelFile;
 use motes_scenes::settings::{SavedView, Settings};
 use motes_scenes::{
-    LoadOptions, Scene, SceneError, SourceInfo, load_many, looks_like_sequence, sample, sequence_frames,
+    Format, LoadOptions, Scene, SceneError, SourceInfo, Splats, load_many, looks_like_sequence, sample,
+    sequence_frames,
 };
+
+use crate::lod::Levels;
 
 /// A scene, and what belongs to it.
 #[derive(Clone, Debug)]
@@ -30,6 +35,8 @@ pub struct Opened {
     pub frames: Vec<PathBuf>,
     /// What the splats' labels mean: those saved beside the scene, or the files of a merged one; else empty.
     pub classes: Vec<Class>,
+    /// All levels of a file of levels, of which the scene is one, where it was opened to be walked through.
+    pub levels: Option<Arc<Levels>>,
 }
 
 impl Opened {
@@ -50,6 +57,7 @@ impl Opened {
             cameras: Vec::new(),
             frames: Vec::new(),
             classes: Vec::new(),
+            levels: None,
         };
         let first = match paths {
             [] => return Ok(of_sample(sample::NAME.to_owned(), sample::sample(options)?)),
@@ -98,15 +106,23 @@ impl Opened {
             cameras,
             frames: Vec::new(),
             classes: Vec::new(),
+            levels: None,
         }
     }
 
-    /// As [`Opened::load`], but of a folder of numbered scenes it opens the first and lists them all: to be played.
+    /// As [`Opened::load`], but of a folder of numbered scenes it opens the first and lists them all, and of a file of levels
+    /// it opens all of them: to be played and walked through.
     ///
     /// # Errors
     /// As [`Opened::load`].
     pub fn load_to_play(paths: &[PathBuf], options: &LoadOptions) -> Result<Self, SceneError> {
         let [folder] = paths else { return Self::load(paths, options) };
+        if folder.is_file() && Format::detect(folder)? == Format::Levels {
+            let mut opened = Self::load(paths, options)?;
+            let levels = Levels::load(folder, &options.cancel)?;
+            opened.scene.report.warnings.extend(levels.unfitted.clone());
+            return Ok(Self { levels: Some(Arc::new(levels)), ..opened });
+        }
         if !(folder.is_dir() && looks_like_sequence(folder)) {
             return Self::load(paths, options);
         }
@@ -116,12 +132,21 @@ impl Opened {
         let opened = Self::load(&frames[..frames.len().min(1)], &options)?;
         Ok(Self { name: name_of(folder), frames, ..opened })
     }
+
+    /// The splats that the device holds: the scene's, or those of all its levels.
+    pub fn stored(&self) -> &Splats {
+        self.levels.as_ref().map_or(&self.scene.splats, |levels| &levels.splats)
+    }
 }
 
 /// Labels the splats: of one scene by what is saved beside it, of several by the one that each came from. Labels that do
 /// not fit are a warning in the scene's report.
 fn classes(paths: &[PathBuf], scene: &mut Scene) -> Vec<Class> {
     match paths {
+        [path] if scene.sources.iter().any(|s| s.format == Format::Levels) => {
+            // It was opened a moment ago.
+            LevelFile::open(path).map(|file| file.classes()).unwrap_or_default()
+        }
         [path] => {
             let labels = Labels::beside(path).and_then(|labels| {
                 labels.map(|l| l.apply(&mut scene.splats, &Labels::path_of(path)).map(|()| l)).transpose()

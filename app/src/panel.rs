@@ -20,6 +20,9 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer, figures: &Figures, device: &str) -
         CollapsingHeader::new("Overdraw budget")
             .default_open(true)
             .show(ui, |ui| budget(ui, &mut viewer.governor));
+        if viewer.stage.as_ref().is_some_and(|s| s.detail.is_some()) {
+            CollapsingHeader::new("Level of detail").default_open(true).show(ui, |ui| detail(ui, viewer));
+        }
         if viewer.stage.is_some() {
             CollapsingHeader::new("Scene").show(ui, |ui| scene(ui, viewer));
         }
@@ -124,6 +127,21 @@ fn view(ui: &mut Ui, viewer: &mut Viewer, commands: &mut Vec<Command>) {
         if let Some(i) = taken {
             viewer.take_camera(i);
         }
+    }
+}
+
+fn detail(ui: &mut Ui, viewer: &mut Viewer) {
+    let target = egui::Slider::new(&mut viewer.detail.target, 0.5..=1.0).max_decimals(3);
+    ui.add(target.text("SSIM to keep")).on_hover_text("Share of the finest level's, by the file's fit");
+    let Some(stage) = &viewer.stage else { return };
+    let Some(detail) = &stage.detail else { return };
+    let regions: Vec<_> = detail.regions().iter().map(usize::to_string).collect();
+    ui.label(format!("regions at each level, the finest first: {}", regions.join(", ")));
+    let drawn = stage.scene.positions.parts().map_or(0, |p| p.splats());
+    ui.label(format!("{drawn} splats sorted and projected"));
+    if let Some(memory) = detail.memory() {
+        let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
+        ui.label(format!("{:.1} of {:.1} MiB in memory", mib(memory.resident), mib(memory.budget)));
     }
 }
 

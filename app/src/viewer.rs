@@ -10,12 +10,14 @@ use motes_renderer::gpu::Gpu;
 use motes_renderer::order::{OrderRequest, SortWorker, SplatOrder};
 use motes_renderer::plan::{Overrides, Plan};
 use motes_renderer::{FrameReport, Packing, RenderConfig, SceneOnDevice, Sorter, Upscale, View};
+use motes_scenes::Format;
 use motes_scenes::settings::Settings;
 
 use crate::eye::{Eye, EyeMode, EyeMotion};
 use crate::framing::Framing;
 use crate::governor::Governor;
 use crate::loader::{LoadError, LoadRequest, Loaded, Loader, Loading, SceneSource, Storage};
+use crate::lod::{Detail, Tuning};
 use crate::opened::Opened;
 use crate::sequence::{BUDGET, SequenceOnDevice};
 use crate::time::{TimeCommand, TimeControl};
@@ -52,7 +54,7 @@ pub struct Stage {
     /// How it stands in the world; may be changed and saved.
     pub settings: Settings,
     /// The scene on the device; of a sequence the first frame.
-    pub scene: SceneOnDevice,
+    pub scene: Arc<SceneOnDevice>,
     /// The frames of a sequence, and the one that is shown.
     pub sequence: Option<(SequenceOnDevice, Option<Arc<SceneOnDevice>>)>,
     /// Its dense part.
@@ -63,6 +65,8 @@ pub struct Stage {
     pub plan: Option<Plan>,
     /// Only a part of it is there, and more is on its way.
     pub partial: bool,
+    /// Which level each region of it is drawn at, where it has levels.
+    pub detail: Option<Detail>,
     sorting: SortWorker,
 }
 
@@ -105,6 +109,10 @@ pub struct Viewer {
     pub stage: Option<Stage>,
     /// Memory for the frames of a sequence, bytes.
     pub read_ahead: u64,
+    /// How levels of detail are chosen.
+    pub detail: Tuning,
+    /// Files of levels are read on the way into so many bytes; none: whole.
+    pub memory: Option<u64>,
     gpu: Arc<Gpu>,
     /// Time that passed between the last two frames.
     passed: Duration,
@@ -132,6 +140,8 @@ impl Viewer {
             message: None,
             stage: None,
             read_ahead: BUDGET,
+            detail: Tuning::default(),
+            memory: None,
             gpu: gpu.clone(),
             passed: Duration::ZERO,
             loading: None,
@@ -148,7 +158,13 @@ impl Viewer {
         if let Some(stage) = &mut self.stage {
             stage.partial = false;
         }
-        self.load(SceneSource::Files(paths), storage);
+        let source = match (self.memory, paths.as_slice()) {
+            (Some(bytes), [path]) if Format::detect(path).is_ok_and(|f| f == Format::Levels) => {
+                SceneSource::Within(path.clone(), bytes)
+            }
+            _ => SceneSource::Files(paths),
+        };
+        self.load(source, storage);
     }
 
     fn load(&mut self, source: SceneSource, storage: Storage) {
@@ -171,6 +187,7 @@ impl Viewer {
         self.loading.is_some()
             || stage.moves() && self.time.playing()
             || stage.sorting.is_sorting()
+            || stage.detail.as_ref().is_some_and(Detail::is_busy)
             || self.governor.as_ref().is_some_and(|g| !g.is_at_rest())
             || self.config.sorter == Sorter::Stochastic
             || self.config.upscale == Upscale::InterleavedTemporal && self.config.resolution_scale < 1.0
@@ -197,12 +214,12 @@ impl Viewer {
         }
         self.repack();
         self.eye.move_by(motion);
+        self.passed = Duration::try_from_secs_f64(seconds).unwrap_or_default();
         if self.stage.as_ref().is_some_and(Stage::moves) {
             if self.config.time != self.time.time() {
                 // It was set by another way: a preset, a camera, the panel.
                 self.time.scrub(self.config.time.into());
             }
-            self.passed = Duration::try_from_secs_f64(seconds).unwrap_or_default();
             self.config.time = self.time.advance(self.passed);
         }
         if let Some(Stage { sequence: Some((sequence, shown)), .. }) = &mut self.stage {
@@ -212,7 +229,7 @@ impl Viewer {
     }
 
     fn show(&mut self, loaded: Loaded) -> Result<Option<Stage>, LoadError> {
-        let Loaded { opened, scene, framing, plan, whole } = loaded;
+        let Loaded { opened, scene, framing, plan, detail, whole } = loaded;
         let repacked = self.stage.as_ref().is_some_and(|s| Arc::ptr_eq(&s.opened, &opened));
         let sorting =
             SortWorker::new(scene.positions.clone()).map_err(|e| LoadError::Thread(e.to_string()))?;
@@ -235,13 +252,15 @@ impl Viewer {
             let framing = Framing { up: before.framing.up, ..framing };
             let (settings, camera) = (before.settings.clone(), before.camera);
             let plan = plan.or_else(|| before.plan.clone());
-            let stage = Stage { opened, settings, scene, sequence, framing, camera, plan, partial, sorting };
+            let stage =
+                Stage { opened, settings, scene, sequence, framing, camera, plan, partial, detail, sorting };
             return Ok(self.stage.replace(stage));
         }
         let settings = opened.settings.clone();
         self.time = sequence.as_ref().map_or_else(TimeControl::default, |(s, _)| s.time_control());
+        let camera = None;
         let stage =
-            Stage { opened, settings, scene, sequence, framing, camera: None, plan, partial, sorting };
+            Stage { opened, settings, scene, sequence, framing, camera, plan, partial, detail, sorting };
         let before = self.stage.replace(stage);
         self.eye = Eye::of(&framing, self.eye.mode, VERTICAL_FOV);
         self.reset();
@@ -260,7 +279,11 @@ impl Viewer {
             && wanted.sh_precision == stored.sh_precision
             && wanted.sh_degree <= stored.sh_degree;
         if !fits && self.loading.is_none() {
-            self.load(SceneSource::Memory(stage.opened.clone()), Storage::As(wanted));
+            match (&stage.opened.path, stage.detail.as_ref().and_then(Detail::memory)) {
+                // What is read on the way is read anew.
+                (Some(path), Some(_)) => self.open(vec![path.clone()]),
+                _ => self.load(SceneSource::Memory(stage.opened.clone()), Storage::As(wanted)),
+            }
         }
     }
 
@@ -365,12 +388,16 @@ impl Viewer {
         }
     }
 
-    /// The scene and the newest order of its splats; asks for the order that these views want. Before the first order
-    /// is there, it is waited for.
+    /// The scene and the newest order of its splats, at the levels of detail that these views call for; asks for the order
+    /// that they want. Before the first order is there, it is waited for.
     pub fn frame(&mut self, views: &[View], config: &RenderConfig) -> Option<(&SceneOnDevice, &SplatOrder)> {
+        let ease = self.governor.as_ref().map_or(0.0, Governor::detail_ease);
         let stage = self.stage.as_mut()?;
+        if let Some(detail) = &mut stage.detail {
+            detail.advance(views, self.passed.as_secs_f64(), ease, self.detail);
+        }
         if config.sorter == Sorter::Cpu {
-            let request = OrderRequest::new(views, config);
+            let request = OrderRequest::new(views, config).of_parts(&stage.scene.positions);
             stage.sorting.set_interval(config.sort_interval);
             if stage.sorting.newest().0.made_for.is_none() {
                 stage.sorting.wait_for(request);
@@ -383,7 +410,7 @@ impl Viewer {
         let (order, _) = sorting.newest();
         let scene = match sequence {
             Some((_, Some(frame))) => &**frame,
-            _ => &*scene,
+            _ => &**scene,
         };
         Some((scene, order))
     }

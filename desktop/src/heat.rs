@@ -1,7 +1,7 @@
 //! Heat maps: a picture in which colour is a quantity, of a pixel or of the splats that are seen there.
 //!
 //! Quantities of a pixel (layers, hidden layers, error) are coloured by themselves. Quantities of a splat (projection
-//! error, density, labels) colour the splats, which are then drawn as usual: what shows is what one looks at.
+//! error, density, labels, levels) colour the splats, which are then drawn as usual: what shows is what one looks at.
 
 use std::collections::HashMap;
 
@@ -30,6 +30,8 @@ pub enum Heat {
     Density,
     /// Labels (files of a merged scene, classes), in their colours
     Labels,
+    /// The level of detail in use: from yellow, the finest, to violet
+    Level,
 }
 
 /// Layers that the last colour stands for.
@@ -93,13 +95,13 @@ impl Heat {
 
     /// The map, whatever it is of, by the reference: a picture for each view.
     ///
-    /// `drawn` are the pictures whose error is shown; no other map needs them.
+    /// `drawn` are the pictures whose error is shown; no other map needs them. `fineness` as in [`Heat::of_splats`].
     ///
     /// # Errors
-    /// The reference's; a scene without labels.
+    /// The reference's; a scene without labels, or without levels.
     pub fn pictures(
         self,
-        splats: &Splats,
+        (splats, fineness): (&Splats, Option<Vec<f64>>),
         classes: &[Class],
         views: &[View],
         config: &RenderConfig,
@@ -109,34 +111,42 @@ impl Heat {
             return Ok(maps);
         }
         let Some(first) = views.first() else { return Ok(Vec::new()) };
-        let painted = self.of_splats(splats, first, classes)?;
+        let painted = self.of_splats(splats, first, classes, fineness)?;
         reference_pictures(painted.as_ref().unwrap_or(splats), views, config, false)
     }
 
     /// Its colours from the least to the most; none where they are names.
     pub fn colours(self) -> Option<ColourMap> {
         match self {
-            Self::Layers | Self::Hidden | Self::ProjectionError | Self::Density => Some(ColourMap::Viridis),
+            Self::Layers | Self::Hidden | Self::ProjectionError | Self::Density | Self::Level => {
+                Some(ColourMap::Viridis)
+            }
             Self::Error => Some(ColourMap::Magma),
             Self::Labels => None,
         }
     }
 
     /// The scene with its splats coloured by a quantity of theirs, seen from a view; `None` for a quantity of pixels.
+    /// `fineness`: of each splat's level, 0 to 1; none where there are no levels.
     ///
     /// # Errors
-    /// A scene without labels.
+    /// A scene without labels, or without levels.
     pub fn of_splats(
         self,
         splats: &Splats,
         view: &View,
         classes: &[Class],
+        fineness: Option<Vec<f64>>,
     ) -> Result<Option<Splats>, CommandError> {
         let values: Vec<f64> = match self {
             Self::Layers | Self::Hidden | Self::Error => return Ok(None),
             Self::ProjectionError => {
                 (0..splats.len()).map(|i| share(projection_error(splats, i, view), PIXELS)).collect()
             }
+            Self::Level => fineness.ok_or_else(|| {
+                let what = "the scene has no levels of detail: open a file of them (.mlod; motes render with --lod-target)";
+                CommandError::Usage(what.into())
+            })?,
             Self::Density => density(splats).into_iter().map(|n| share(f64::from(n), PER_VOXEL)).collect(),
             Self::Labels => {
                 let labels = splats.labels.as_ref().ok_or_else(|| {
@@ -258,17 +268,20 @@ mod tests {
     #[test]
     fn splats_take_the_colour_of_their_quantity() {
         let mut splats = scene();
-        assert!(Heat::Labels.of_splats(&splats, &view(), &[]).is_err());
+        assert!(Heat::Labels.of_splats(&splats, &view(), &[], None).is_err());
         splats.labels = Some((0..50).map(|i| i % 5).collect());
         let classes = [Class { id: 4, name: "four".into(), colour: [10, 20, 30] }];
-        let painted = Heat::Labels.of_splats(&splats, &view(), &classes).unwrap().unwrap();
+        let painted = Heat::Labels.of_splats(&splats, &view(), &classes, None).unwrap().unwrap();
         assert_eq!((painted.sh_degree, painted.sh.len()), (0, 50));
         let colour = |i: usize| painted.sh[i].map(|c| ((0.5 + SH_C0 * c) * 255.0).round() as u8);
         assert_eq!((colour(4), colour(1)), ([10, 20, 30], class_colour(1)));
-        let dense = Heat::Density.of_splats(&splats, &view(), &[]).unwrap().unwrap();
+        let dense = Heat::Density.of_splats(&splats, &view(), &[], None).unwrap().unwrap();
         let lonely = dense.sh[0].map(|c| ((0.5 + SH_C0 * c) * 255.0).round() as u8);
         assert_eq!(lonely, ColourMap::Viridis.colour(0.0));
-        assert!(Heat::Layers.of_splats(&splats, &view(), &[]).unwrap().is_none());
+        assert!(Heat::Level.of_splats(&splats, &view(), &[], None).is_err());
+        let fine = Heat::Level.of_splats(&splats, &view(), &[], Some(vec![0.0; 50])).unwrap().unwrap();
+        assert_eq!(fine.sh[0], dense.sh[0], "the coarsest level has the lowest colour");
+        assert!(Heat::Layers.of_splats(&splats, &view(), &[], None).unwrap().is_none());
         assert!(
             (share(1.0, [0.01, 10.0]) - 2.0 / 3.0).abs() < 1e-12 && share(f64::INFINITY, [1.0, 2.0]) == 1.0
         );

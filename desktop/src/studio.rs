@@ -60,6 +60,11 @@ impl Studio {
         Ok(Self { scene, offscreen: Offscreen::new(gpu)? })
     }
 
+    /// The scene on the device.
+    pub fn scene(&self) -> &SceneOnDevice {
+        &self.scene
+    }
+
     /// One picture a view.
     ///
     /// # Errors

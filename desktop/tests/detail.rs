@@ -86,4 +86,44 @@ fn scenes_are_labelled_optimised_and_levelled() {
     let share = |k: usize| trials["summaries"][k]["splats"].as_f64().unwrap();
     assert!(share(0) < share(1), "a higher target takes more splats: {trials}");
     assert!(run(&["lod", "info", &ply]).unwrap_err().contains("begins with MOTESLOD"));
+
+    // Pictures at the levels that a target allows: the lower it is, the fewer splats; the levels in use as colours.
+    let splats = |target: &str, file: &str| {
+        let out = at(file);
+        let render = ["render", &levels, "--json", "--lod-target", target, "-o", &out, "--heat", "level"];
+        run(&render).unwrap();
+        let line = run(&render[..7]).unwrap();
+        serde_json::from_str::<serde_json::Value>(&line).unwrap()["report"]["visible"].as_u64().unwrap()
+    };
+    let (few, many) = (splats("0.3", "few.png"), splats("1", "many.png"));
+    assert!(few < many, "{few} {many}");
+    assert!(std::fs::read(at("few.png")).unwrap() != std::fs::read(at("many.png")).unwrap());
+    let refused = run(&["render", &ply, "--lod-target", "0.9", "-o", &at("none.png")]).unwrap_err();
+    assert!(refused.contains("begins with MOTESLOD"), "{refused}");
+
+    // A walk round the scene. Changes of level are seen where they come at once, and not where they fade.
+    let walk = |fade: &str| {
+        run(&[
+            "lod",
+            "walk",
+            &levels,
+            "--scale",
+            "1",
+            "--seconds",
+            "1",
+            "--lod-target",
+            "0.75",
+            "--fade",
+            fade,
+            "-o",
+            &at("walk.json"),
+        ])
+    };
+    let walked = walk("0.5");
+    println!("{walked:?}");
+    let figures: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(folder.join("walk.json")).unwrap()).unwrap();
+    let (step, at_once) = (figures["step"].as_f64().unwrap(), figures["hard_step"].as_f64().unwrap());
+    assert!(walked.is_ok() && step <= 2.0 && at_once > 3.0 * step && at_once > 2.0, "{figures}");
+    assert!(walk("0").unwrap_err().contains("exceeds the bound"));
 }

@@ -28,6 +28,7 @@ fn script() -> Script {
             second: None,
             time: 0.0,
             time_cull: TimeCull::Index,
+            parts: 0,
         };
         ScriptStep::Frame(Box::new(ScriptFrame {
             time: FrameTime {

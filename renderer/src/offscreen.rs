@@ -100,12 +100,13 @@ impl Offscreen {
         if config.sorter != Sorter::Cpu {
             return;
         }
-        let request = OrderRequest::new(views, config);
+        let request = OrderRequest::new(views, config).of_parts(&scene.positions);
         let same_kind = self.order.made_for.is_some_and(|made| {
             made.key == request.key
                 && made.bits == request.bits
                 && made.second.is_some() == request.second.is_some()
                 && made.time_cull == request.time_cull
+                && made.parts == request.parts
         });
         self.order_age += 1;
         if self.order_of == scene.id && same_kind && self.order_age < config.sort_interval {

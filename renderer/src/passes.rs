@@ -98,8 +98,8 @@ pub(crate) struct Passes {
     pipelines: HashMap<PipelineKey, vk::Pipeline>,
 }
 
-/// Storage buffers that a stage of a pipeline may see: of geometry, of harmonics, of motion, of a frame.
-pub(crate) const STORAGE_BUFFERS: u32 = 4 + 4 + 2 + 10;
+/// Storage buffers that a stage of a pipeline may see: of parts, of geometry, of harmonics, of motion, of a frame.
+pub(crate) const STORAGE_BUFFERS: u32 = 1 + 4 + 4 + 2 + 10;
 /// Bytes of push constants that all pipelines share.
 pub(crate) const PUSH_BYTES: u32 = 32;
 
@@ -131,7 +131,7 @@ impl Passes {
         let image = |at, kind| binding(at, kind, 1).stage_flags(vk::ShaderStageFlags::FRAGMENT);
         let storage = vk::DescriptorType::STORAGE_BUFFER;
         let sets = [
-            vec![binding(0, vk::DescriptorType::UNIFORM_BUFFER, 1)],
+            vec![binding(0, vk::DescriptorType::UNIFORM_BUFFER, 1), binding(1, storage, 1)],
             vec![binding(0, storage, 4), binding(1, storage, 4), binding(2, storage, 2)],
             vec![
                 binding(0, storage, 1),

@@ -4,6 +4,7 @@ use crate::TimeCull;
 use crate::gpu::{Buffer, Gpu, GpuError};
 use crate::order::{OrderRequest, Positions};
 use crate::packing::Packing;
+use crate::parts::Parts;
 use crate::upload::Uploader;
 use ash::vk;
 use glam::DVec3;
@@ -11,6 +12,7 @@ use gpu_allocator::MemoryLocation;
 use motes_scenes::Splats;
 use motes_shaders::layout::{MOTION_SHIFT, MOTION_SLOTS, STREAM_SLOTS};
 use rayon::prelude::*;
+use std::ops::Range;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -98,9 +100,8 @@ impl SceneOnDevice {
                 Some(buffer)
             }
         };
-        static SCENES: AtomicU64 = AtomicU64::new(1);
         Ok(Self {
-            id: SCENES.fetch_add(1, Ordering::Relaxed),
+            id: next_id(),
             splats: splats.len() as u32,
             origin: splats.origin.into(),
             packing,
@@ -111,6 +112,67 @@ impl SceneOnDevice {
             positions,
             alive,
         })
+    }
+
+    /// Places for splats that come and go ([`SceneOnDevice::write`]), none of which is drawn before it is in a part
+    /// ([`Positions::choose`]).
+    ///
+    /// # Errors
+    /// More than the device can bind or hold.
+    pub fn with_room(gpu: &Arc<Gpu>, splats: u32, origin: DVec3, packing: Packing) -> Result<Self, GpuError> {
+        let stream = |name, words: usize| {
+            let shape = StreamShape { name, words, slots: STREAM_SLOTS, shift: None };
+            make_stream(gpu, splats as usize, &shape)
+        };
+        let geometry = stream("splat geometry", packing.geometry_words())?;
+        let harmonics = stream("spherical harmonics", packing.sh_words())?;
+        let positions = Arc::new(Positions::with_room(splats, origin));
+        positions.choose(Some(Parts::new([])));
+        let motion = Stream { buffers: Vec::new(), shift: 0, splat_bytes: 0 };
+        let id = next_id();
+        Ok(Self {
+            id,
+            splats,
+            origin,
+            packing,
+            geometry,
+            harmonics,
+            motion,
+            moving: false,
+            positions,
+            alive: None,
+        })
+    }
+
+    /// Puts still splats, as many as `places` have room for or fewer, into places that no frame draws that is under way. May
+    /// be called from any thread.
+    ///
+    /// # Errors
+    /// The driver's.
+    pub fn write(
+        &self,
+        uploader: &mut Uploader,
+        places: impl Iterator<Item = Range<u32>>,
+        splats: &Splats,
+    ) -> Result<(), GpuError> {
+        let shift = (DVec3::from(splats.origin) - self.origin).as_vec3().to_array();
+        let means = |i: usize| std::array::from_fn(|k| splats.means[i][k] + shift[k]);
+        let moved = Splats { means: (0..splats.len()).map(means).collect(), ..splats.clone() };
+        let mut from = 0;
+        for place in places {
+            let count = (place.len()).min(splats.len() - from);
+            let first = place.start as usize;
+            self.positions.write(first, &moved.means[from..from + count]);
+            let (geometry, sh) = (self.packing.geometry_words(), self.packing.sh_words());
+            write_stream(uploader, &self.geometry, geometry, first, count, &|at, words| {
+                self.packing.geometry(&moved, from + at, words);
+            })?;
+            write_stream(uploader, &self.harmonics, sh, first, count, &|at, words| {
+                self.packing.harmonics(&moved, from + at, words);
+            })?;
+            from += count;
+        }
+        Ok(())
     }
 
     /// Bytes on the device, all streams.
@@ -137,13 +199,13 @@ struct StreamShape {
     shift: Option<u32>,
 }
 
-fn upload_stream(
-    gpu: &Arc<Gpu>,
-    uploader: &mut Uploader,
-    splats: usize,
-    shape: &StreamShape,
-    pack: &(dyn Fn(usize, &mut [u32]) + Sync),
-) -> Result<Stream, GpuError> {
+fn next_id() -> u64 {
+    static SCENES: AtomicU64 = AtomicU64::new(1);
+    SCENES.fetch_add(1, Ordering::Relaxed)
+}
+
+/// The buffers of a stream, with nothing in them yet.
+fn make_stream(gpu: &Arc<Gpu>, splats: usize, shape: &StreamShape) -> Result<Stream, GpuError> {
     let &StreamShape { name, words, slots, shift } = shape;
     let usage = vk::BufferUsageFlags::STORAGE_BUFFER | vk::BufferUsageFlags::TRANSFER_DST;
     let splat_bytes = words as u64 * 4;
@@ -171,19 +233,58 @@ fn upload_stream(
         });
     }
     let step = if single { splats } else { per_binding as usize };
-    let mut buffers = Vec::new();
-    for first in (0..splats).step_by(step) {
+    let buffers = (0..splats).step_by(step).map(|first| {
         let count = step.min(splats - first);
-        let buffer = Buffer::new(gpu, name, count as u64 * splat_bytes, usage, MemoryLocation::GpuOnly)?;
-        uploader.fill(&buffer, count * words, words, |at, chunk| {
-            // Chunks begin at whole splats.
-            let per_task = 4096 * words;
-            chunk
-                .par_chunks_mut(per_task)
-                .enumerate()
-                .for_each(|(task, part)| pack(first + (at + task * per_task) / words, part));
-        })?;
-        buffers.push(buffer);
+        Buffer::new(gpu, name, count as u64 * splat_bytes, usage, MemoryLocation::GpuOnly)
+    });
+    Ok(Stream { buffers: buffers.collect::<Result<_, _>>()?, shift, splat_bytes })
+}
+
+fn upload_stream(
+    gpu: &Arc<Gpu>,
+    uploader: &mut Uploader,
+    splats: usize,
+    shape: &StreamShape,
+    pack: &(dyn Fn(usize, &mut [u32]) + Sync),
+) -> Result<Stream, GpuError> {
+    let stream = make_stream(gpu, splats, shape)?;
+    write_stream(uploader, &stream, shape.words, 0, splats, pack)?;
+    Ok(stream)
+}
+
+/// Writes `count` splats from place `first` on; `pack(at, words)` packs those from the `at`-th of them on.
+fn write_stream(
+    uploader: &mut Uploader,
+    stream: &Stream,
+    words: usize,
+    first: usize,
+    count: usize,
+    pack: &(dyn Fn(usize, &mut [u32]) + Sync),
+) -> Result<(), GpuError> {
+    if words == 0 {
+        return Ok(());
     }
-    Ok(Stream { buffers, shift, splat_bytes })
+    let mut begins = 0;
+    for buffer in &stream.buffers {
+        let ends = begins + (buffer.bytes() / stream.splat_bytes) as usize;
+        let (from, to) = (first.max(begins), (first + count).min(ends));
+        if from < to {
+            uploader.fill_from(
+                buffer,
+                (from - begins) * words,
+                (to - from) * words,
+                words,
+                |at, chunk| {
+                    // Chunks begin at whole splats.
+                    let per_task = 4096 * words;
+                    chunk
+                        .par_chunks_mut(per_task)
+                        .enumerate()
+                        .for_each(|(task, part)| pack(from - first + (at + task * per_task) / words, part));
+                },
+            )?;
+        }
+        begins = ends;
+    }
+    Ok(())
 }

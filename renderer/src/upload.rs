@@ -5,7 +5,7 @@ use ash::vk;
 use gpu_allocator::MemoryLocation;
 use std::sync::Arc;
 
-/// Size of the staging buffer, 32-bit words.
+/// Usual size of the staging buffer, 32-bit words.
 const STAGING_WORDS: usize = 4 << 20;
 
 /// A staging buffer and the means to copy from it, waiting for each copy.
@@ -23,7 +23,15 @@ impl Uploader {
     /// # Errors
     /// Out of memory.
     pub fn new(gpu: &Arc<Gpu>) -> Result<Self, GpuError> {
-        let bytes = 4 * STAGING_WORDS as u64;
+        Self::with_words(gpu, STAGING_WORDS)
+    }
+
+    /// One of another size, 32-bit words.
+    ///
+    /// # Errors
+    /// Out of memory.
+    pub fn with_words(gpu: &Arc<Gpu>, words: usize) -> Result<Self, GpuError> {
+        let bytes = 4 * words as u64;
         let staging =
             Buffer::new(gpu, "staging", bytes, vk::BufferUsageFlags::TRANSFER_SRC, MemoryLocation::CpuToGpu)?;
         let (pool, commands, fence) = crate::frame::command_pool(gpu)?;
@@ -39,14 +47,31 @@ impl Uploader {
         target: &Buffer,
         words: usize,
         granule: usize,
+        pack: impl FnMut(usize, &mut [u32]),
+    ) -> Result<(), GpuError> {
+        self.fill_from(target, 0, words, granule, pack)
+    }
+
+    /// As [`Uploader::fill`], but of a part of the buffer that begins at word `first`; `at` counts from there.
+    ///
+    /// # Errors
+    /// The driver's.
+    pub fn fill_from(
+        &mut self,
+        target: &Buffer,
+        first: usize,
+        words: usize,
+        granule: usize,
         mut pack: impl FnMut(usize, &mut [u32]),
     ) -> Result<(), GpuError> {
-        let per_chunk = STAGING_WORDS / granule * granule;
+        let staging_words = (self.staging.bytes() / 4) as usize;
+        let per_chunk = staging_words / granule * granule;
         let mut at = 0;
         while at < words {
             let count = per_chunk.min(words - at);
             pack(at, &mut bytemuck::cast_slice_mut(self.staging.mapped_mut())[..count]);
-            let copy = vk::BufferCopy { src_offset: 0, dst_offset: 4 * at as u64, size: 4 * count as u64 };
+            let copy =
+                vk::BufferCopy { src_offset: 0, dst_offset: 4 * (first + at) as u64, size: 4 * count as u64 };
             let staging = self.staging.raw();
             // SAFETY: both buffers are alive and hold the region; the copy is waited for before staging is written again.
             crate::frame::submit_and_wait(&self.gpu, self.commands, self.fence, |device, commands| unsafe {

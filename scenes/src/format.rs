@@ -29,6 +29,8 @@ pub enum Format {
     Sog,
     /// A streamed SOG scene: a folder with a `lod-meta.json`.
     StreamedSog,
+    /// Levels of detail, `.mlod` ([`crate::levels`]), one of which is read.
+    Levels,
     /// A folder of scene files that belong together, merged.
     Folder,
     /// Generated, not read.
@@ -47,6 +49,7 @@ impl fmt::Display for Format {
             Self::Spz => "SPZ",
             Self::Sog => "SOG",
             Self::StreamedSog => "streamed SOG",
+            Self::Levels => "levels of detail",
             Self::Folder => "folder of scenes",
             Self::Synthetic => "synthetic",
         })
@@ -54,7 +57,7 @@ impl fmt::Display for Format {
 }
 
 /// Names of files that a scene can be read from, for file dialogues and folder listings.
-pub(crate) const EXTENSIONS: [&str; 6] = ["ply", "splat", "splatv", "ksplat", "spz", "sog"];
+pub(crate) const EXTENSIONS: [&str; 7] = ["ply", "splat", "splatv", "ksplat", "spz", "sog", "mlod"];
 
 impl Format {
     /// The format of a file or folder, from its first bytes, then from its extension.
@@ -96,6 +99,9 @@ impl Format {
         if head.starts_with(&crate::formats::splatv::MAGIC.to_le_bytes()) {
             return Ok(Self::SplatV);
         }
+        if head.starts_with(crate::levels::MAGIC) {
+            return Ok(Self::Levels);
+        }
         match file_name(path).as_str() {
             "lod-meta.json" => return Ok(Self::StreamedSog),
             "meta.json" => return Ok(Self::Sog),
@@ -105,7 +111,7 @@ impl Format {
             // Neither has a magic number.
             Some("splat") => Ok(Self::Splat),
             Some("ksplat") => Ok(Self::KSplat),
-            Some(e @ ("ply" | "splatv" | "spz" | "sog")) => Err(SceneError::malformed(
+            Some(e @ ("ply" | "splatv" | "spz" | "sog" | "mlod")) => Err(SceneError::malformed(
                 path,
                 "byte 0",
                 format!("a .{e} file does not begin like this ({})", preview(&head)),
@@ -114,7 +120,7 @@ impl Format {
             _ => Err(SceneError::unsupported(
                 path,
                 format!("not a known scene format (it begins with {})", preview(&head)),
-                "Motes reads .ply, .compressed.ply, .splat, .splatv, .ksplat, .spz, .sog, and SOG folders",
+                "Motes reads .ply, .compressed.ply, .splat, .splatv, .ksplat, .spz, .sog, .mlod, and SOG folders",
             )),
         }
     }

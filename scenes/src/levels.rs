@@ -21,8 +21,9 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::labels::Class;
+use crate::load::LoadContext;
 use crate::source::Source;
-use crate::{LoadOptions, SceneError, Splats, formats, load_bytes};
+use crate::{LoadOptions, Scene, SceneError, Splats, formats, load_bytes};
 
 /// The first bytes of a file.
 pub const MAGIC: &[u8; 8] = b"MOTESLOD";
@@ -32,6 +33,8 @@ const HEADER: u64 = 20;
 const MAX_INDEX: u64 = 256 << 20;
 /// No scene file has more splats than this per byte (an SPZ of equal splats, compressed 1000 : 1).
 const MOST_SPLATS_PER_BYTE: u64 = 64;
+/// Standard deviations beyond which no splat changes a pixel: √(2 ln 255).
+const REACH: f64 = 3.33;
 const DAMAGED: &str =
     "The file is damaged or incomplete: copy it again, or build it anew by `motes lod build`";
 
@@ -67,6 +70,10 @@ pub struct Group {
     pub class: u16,
     /// Lowest and highest corner of the box around all means of all levels, scene axes and units.
     pub bounds: [[f64; 3]; 2],
+    /// The box around all that its splats may cover at any level, 3.33 standard deviations (√(2 ln 255)); files of before
+    /// have none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reach: Option<[[f64; 3]; 2]>,
     /// One range a level.
     pub ranges: Vec<Range>,
 }
@@ -235,6 +242,21 @@ impl LevelFile {
     }
 }
 
+/// One level of all groups, labelled by classes, as the loader reads it. See [`formats`].
+pub(crate) fn read(source: &Source, ctx: &LoadContext<'_>) -> Result<Splats, SceneError> {
+    let file = LevelFile::of(source.again()?)?;
+    let level = (ctx.options().level as usize).min(file.levels().len() - 1);
+    ctx.admit(source, file.levels()[level].splats, 0, false)?;
+    let bytes = |group: &Group| group.ranges[level].bytes;
+    let total = file.groups().iter().map(bytes).sum();
+    let mut parts = Vec::new();
+    for (i, group) in file.groups().iter().enumerate() {
+        parts.push(file.read(i, level)?);
+        ctx.advance(source, bytes(group), total)?;
+    }
+    Ok(Scene::joined(parts))
+}
+
 impl Index {
     /// Whether the index makes sense for parts of so many bytes; else the place and the problem.
     fn check(&self, bytes: u64) -> Result<(), (String, String)> {
@@ -250,9 +272,10 @@ impl Index {
         }
         let mut sums = vec![0u64; self.levels.len()];
         for (i, group) in self.groups.iter().enumerate() {
-            let [low, high] = group.bounds;
-            if !(0..3).all(|k| low[k] <= high[k] && low[k].is_finite() && high[k].is_finite()) {
-                return refuse(format!("group {i}"), format!("its box is {low:?} to {high:?}"));
+            for [low, high] in std::iter::once(group.bounds).chain(group.reach) {
+                if !(0..3).all(|k| low[k] <= high[k] && low[k].is_finite() && high[k].is_finite()) {
+                    return refuse(format!("group {i}"), format!("its box is {low:?} to {high:?}"));
+                }
             }
             if group.ranges.len() != self.levels.len() {
                 let (ranges, levels) = (group.ranges.len(), self.levels.len());
@@ -366,6 +389,7 @@ pub fn save(
     let mut offset = 0;
     for ((class, _), of_levels) in members {
         let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+        let mut reach = bounds;
         let mut ranges = Vec::new();
         for (level, indices) in levels.iter().zip(of_levels) {
             if indices.is_empty() {
@@ -374,9 +398,14 @@ pub fn save(
             }
             for &i in &indices {
                 let at = level.splats.mean_of(i as usize);
+                let widest =
+                    level.splats.log_scales[i as usize].iter().fold(f32::NEG_INFINITY, |a, &b| a.max(b));
+                let radius = REACH * f64::from(widest).exp();
                 for k in 0..3 {
                     bounds[0][k] = bounds[0][k].min(at[k]);
                     bounds[1][k] = bounds[1][k].max(at[k]);
+                    reach[0][k] = reach[0][k].min(at[k] - radius);
+                    reach[1][k] = reach[1][k].max(at[k] + radius);
                 }
             }
             let mut bytes = Vec::new();
@@ -390,7 +419,7 @@ pub fn save(
             offset += bytes.len() as u64;
             parts.push(bytes);
         }
-        groups.push(Group { class, bounds, ranges });
+        groups.push(Group { class, bounds, reach: Some(reach), ranges });
     }
     let stored = |c: &Class| StoredClass { id: c.id, name: c.name.clone(), colour: c.colour };
     let level = |l: &NewLevel| Level { name: l.name.clone(), step: l.step, splats: l.splats.len() as u64 };
@@ -458,6 +487,18 @@ mod tests {
                     }
                 }
                 assert_eq!(found, level.splats.len());
+            }
+            for (k, level) in levels().iter().enumerate() {
+                let options = LoadOptions { level: k as u32, ..Default::default() };
+                let scene = crate::load(&path, &options).unwrap();
+                assert_eq!(
+                    (scene.splats.len(), scene.sources[0].format),
+                    (level.splats.len(), crate::Format::Levels)
+                );
+                assert_eq!(
+                    scene.splats.labels.unwrap().iter().filter(|&&l| l == 2).count(),
+                    level.splats.len() / 3
+                );
             }
             let again = folder.path().join("again.mlod");
             file.save_with(&again, serde_json::json!({"curves": [1, 2]})).unwrap();

@@ -48,12 +48,26 @@ impl Scene {
         let mut parts = parts.into_iter().filter(|p| !p.is_empty());
         let Some(mut all) = parts.next() else { return Splats::zeroed(0, degree, false) };
         all.set_sh_degree(degree);
+        let parts: Vec<Splats> = parts.collect();
+        reserve(&mut all, parts.iter().map(Splats::len).sum());
         for mut part in parts {
             part.set_sh_degree(degree);
             shift_to(&mut part, all.origin);
             extend(&mut all, part);
         }
         all
+    }
+}
+
+/// Makes room for so many more splats at once: many small parts would else move all before them, each.
+fn reserve(splats: &mut Splats, more: usize) {
+    splats.means.reserve_exact(more);
+    splats.rotations.reserve_exact(more);
+    splats.log_scales.reserve_exact(more);
+    splats.opacities.reserve_exact(more);
+    splats.sh.reserve_exact(more * crate::sh_coefficients(splats.sh_degree));
+    if let Some(labels) = &mut splats.labels {
+        labels.reserve_exact(more);
     }
 }
 

@@ -39,6 +39,14 @@ impl Source {
         Self { path: name.to_owned(), body: Body::Bytes(bytes) }
     }
 
+    /// The same once more, with a handle of its own.
+    pub(crate) fn again(&self) -> Result<Self, SceneError> {
+        match &self.body {
+            Body::Bytes(bytes) => Ok(Self::from_bytes(&self.path, bytes.clone())),
+            Body::File { .. } | Body::Folder => Self::open(&self.path),
+        }
+    }
+
     /// The path, for messages.
     pub(crate) fn path(&self) -> &Path {
         &self.path

@@ -25,6 +25,7 @@ layout(constant_id = 13) const uint GEOMETRY_SHIFT = 21; // log2 of the splats i
 layout(constant_id = 14) const uint SH_SHIFT = 19;      // log2 of the splats in one SH binding
 layout(constant_id = 15) const uint SAMPLING = 0;       // SAMPLING_*
 layout(constant_id = 16) const uint LENS = 0;           // LENS_*
+layout(constant_id = 17) const bool PARTS = false;      // only parts of the scene are drawn
 
 const uint PROJECTION_AFFINE = 0;
 const uint PROJECTION_TANGENT = 1;

@@ -58,7 +58,9 @@ void main() {
     vec2 mine = vec2(0.0);
     if (slot < n) {
         uint i = slot;
-        if (COMPOSITE != COMPOSITE_STOCHASTIC) i = order[COMPOSITE == COMPOSITE_BACK_TO_FRONT ? n - 1u - slot : slot];
+        if (COMPOSITE == COMPOSITE_STOCHASTIC) {
+            if (PARTS) i = part_splat(slot);
+        } else i = order[COMPOSITE == COMPOSITE_BACK_TO_FRONT ? n - 1u - slot : slot];
         Splat s = read_splat(i);
         if (MOTION) move_splat(s, i, frame.filters.w);
         Ellipse e[2];

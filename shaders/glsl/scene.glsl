@@ -3,6 +3,7 @@
 #ifndef SCENE_GLSL
 #define SCENE_GLSL
 #include "layout.glsl"
+#include "parts.glsl"
 
 // A stream may be larger than one binding may be (128 MiB on Adreno): up to four bindings, split at a power of two.
 layout(set = 1, binding = 0, std430) readonly buffer Geometry { uint words[]; } geometry_stream[4];
@@ -97,6 +98,7 @@ Splat read_splat(uint i) {
         s.scale = vec3(unpackHalf2x16(geometry_word(i, 4u)), z.x);
         s.base = vec3(z.y, unpackHalf2x16(geometry_word(i, 6u)));
     }
+    if (PARTS) s.opacity = shared_opacity(s.opacity, i);
     return s;
 }
 

@@ -10,6 +10,7 @@ layout(set = 2, binding = 2, std430) readonly buffer Alive { uint alive[]; };
 const uint KEY_DEPTH = 1u;   // depth, not distance
 const uint KEY_16 = 2u;      // 16 bits
 const uint KEY_LISTED = 4u;  // only the splats of a list
+const uint KEY_PARTS = 8u;   // only the splats of the parts
 
 // A smaller float has smaller bits; NaN comes last.
 uint float_key(float v) {
@@ -22,6 +23,7 @@ void main() {
     uint slot = gl_GlobalInvocationID.x;
     if (slot >= sort.count) return;
     uint i = (sort.key & KEY_LISTED) != 0u ? alive[sort.first + slot] : slot;
+    if ((sort.key & KEY_PARTS) != 0u) i = part_splat(slot);
     // Rounded as the processor rounds, operation by operation.
     precise vec3 mean = splat_mean(i);
     if (MOTION) mean = moved_mean(mean, i, frame.filters.w);

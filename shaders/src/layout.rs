@@ -176,4 +176,6 @@ pub struct Specialization {
     pub sampling: u32,
     /// `LENS_*`.
     pub lens: u32,
+    /// 1: only parts of the scene are drawn.
+    pub parts: u32,
 }

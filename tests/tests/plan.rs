@@ -64,6 +64,7 @@ fn constants(plan: &Plan) -> Vec<u32> {
         s.sh_shift,
         s.sampling,
         s.lens,
+        s.parts,
     ]
 }
 

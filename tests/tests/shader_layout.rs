@@ -34,7 +34,7 @@ fn structures_have_the_offsets_that_reflection_sees() {
 #[test]
 fn specialisation_constants_come_in_the_order_of_their_ids() {
     let fields = offsets!(Specialization: projection, low_pass, shape, radius, precision, sh_degree, sh_stored,
-        sh_precision, geometry_slots, sh_slots, motion, views, composite, geometry_shift, sh_shift, sampling, lens);
+        sh_precision, geometry_slots, sh_slots, motion, views, composite, geometry_shift, sh_shift, sampling, lens, parts);
     assert_eq!(fields.len(), size_of::<Specialization>() / 4, "a field is missing from this list");
     let mut seen = BTreeMap::new();
     for words in [

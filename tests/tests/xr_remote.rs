@@ -185,7 +185,8 @@ fn what_the_lenses_hide_is_not_drawn() {
         let around =
             Recipe { count: 3000, bounds: 3.0, log_scales: [-2.5, -1.0], ..Recipe::default() }.still();
         let content = |gpu: &Arc<Gpu>| Content {
-            scene: SceneOnDevice::new(gpu, &around, PACKING).unwrap(),
+            scene: Arc::new(SceneOnDevice::new(gpu, &around, PACKING).unwrap()),
+            detail: None,
             ..hanging(gpu, DVec3::ZERO)
         };
         let options = SessionOptions { resolution_scale: 0.5, ..Default::default() };
@@ -241,7 +242,8 @@ fn ball(at: DVec3) -> Splats {
 /// A ball hanging in the world, which is the stage.
 fn hanging(gpu: &Arc<Gpu>, at: DVec3) -> Content {
     Content {
-        scene: SceneOnDevice::new(gpu, &ball(at), PACKING).unwrap(),
+        scene: Arc::new(SceneOnDevice::new(gpu, &ball(at), PACKING).unwrap()),
+        detail: None,
         sequence: None,
         scene_to_world: DAffine3::IDENTITY,
         first_view: FirstView { place: DVec3::new(0.0, 1.6, 0.0), forward: DVec3::NEG_Z, floor_known: true },

@@ -3,6 +3,7 @@
 use crate::XrError;
 use glam::{DAffine3, DQuat, DVec3};
 use motes_app::framing::Framing;
+use motes_app::lod::Detail;
 use motes_app::opened::Opened;
 use motes_app::sequence::{BUDGET, SequenceOnDevice};
 use motes_renderer::gpu::Gpu;
@@ -51,7 +52,9 @@ impl FirstView {
 /// A scene, and how it stands in the world.
 pub struct Content {
     /// The splats; of a sequence the first frame's.
-    pub scene: SceneOnDevice,
+    pub scene: Arc<SceneOnDevice>,
+    /// Its levels of detail, where it has any.
+    pub detail: Option<Detail>,
     /// The frames of a sequence.
     pub sequence: Option<SequenceOnDevice>,
     /// From scene to world: turn, scale, floor.
@@ -80,17 +83,17 @@ impl Content {
     /// The device cannot hold it; the error says what would fit.
     pub fn new(gpu: &Arc<Gpu>, opened: &Opened, packing: Packing) -> Result<Self, XrError> {
         let scene = SceneOnDevice::new(gpu, &opened.scene.splats, packing)?;
-        Self::of(gpu, opened, scene, &Framing::of(&opened.scene.splats, &opened.settings))
+        Self::of(gpu, opened, (Arc::new(scene), None), &Framing::of(&opened.scene.splats, &opened.settings))
     }
 
-    /// An opened scene that is on the device.
+    /// An opened scene that is on the device, and its levels of detail, where it has any.
     ///
     /// # Errors
     /// The system gives no thread for the frames of a sequence.
     pub fn of(
         gpu: &Arc<Gpu>,
         opened: &Opened,
-        scene: SceneOnDevice,
+        (scene, detail): (Arc<SceneOnDevice>, Option<Detail>),
         framing: &Framing,
     ) -> Result<Self, XrError> {
         let sequence = if opened.frames.is_empty() {
@@ -101,6 +104,7 @@ impl Content {
         };
         Ok(Self {
             scene,
+            detail,
             sequence,
             scene_to_world: opened.settings.scene_to_world(),
             first_view: FirstView::of(opened, framing),

@@ -74,6 +74,7 @@ impl From<Order> for OrderRequest {
             second: o.second.map(|[center, forward]| (center.into(), forward.into())),
             time: o.time,
             time_cull: o.time_cull,
+            parts: 0,
         }
     }
 }

@@ -237,7 +237,7 @@ fn take(
     loaded: Loaded,
     partial: &mut bool,
 ) -> Result<(), XrError> {
-    let Loaded { opened, scene, framing, plan, whole } = loaded;
+    let Loaded { opened, scene, detail, framing, plan, whole } = loaded;
     for warning in &opened.scene.report.warnings {
         log::warn!("{warning}");
     }
@@ -246,7 +246,7 @@ fn take(
     if let Some(plan) = &plan {
         viewer.config = plan.apply(&viewer.config);
     }
-    let content = Content::of(headset.gpu(), &opened, scene, &framing)?;
+    let content = Content::of(headset.gpu(), &opened, (scene, detail), &framing)?;
     let more = std::mem::replace(partial, !whole);
     if more { viewer.refine(content) } else { viewer.show(content) }
 }

@@ -1,5 +1,6 @@
 //! Quality as a function of a level's step and of the distance: the thesis's equation 6.4 (`000`, §6.3).
 
+use motes_scenes::levels::LevelFile;
 use serde::{Deserialize, Serialize};
 
 /// The two branches' part of the model: `K exp(−γ |d − μ|^α)`.
@@ -122,6 +123,16 @@ pub struct Model {
 }
 
 impl Model {
+    /// What a file of levels keeps.
+    ///
+    /// # Errors
+    /// It keeps none, or one of another version: a sentence for people.
+    pub fn of_file(file: &LevelFile) -> Result<Self, String> {
+        let what = |why: String| format!("{}: {why}; run motes lod fit", file.path().display());
+        let value = file.extra().get("model").ok_or_else(|| what("the levels have no fit".into()))?;
+        serde_json::from_value(value.clone()).map_err(|e| what(format!("its fit cannot be read ({e})")))
+    }
+
     /// The model of a class.
     pub fn of_class(&self, class: u16) -> Option<&Quality> {
         self.classes.iter().find(|c| c.class == class).map(|c| &c.quality)

@@ -10,12 +10,14 @@ use motes_app::opened::{Opened, name_of};
 use motes_renderer::View;
 use motes_renderer::detail::refit::Goal;
 use motes_renderer::detail::{Simplify, simplify};
-use motes_scenes::labels::{Class, Labels};
+use motes_scenes::labels::{Class, Labels, class_colour};
 use motes_scenes::levels::{self, LevelFile, NewLevel, Storage};
 use motes_scenes::{LoadOptions, Splats, cameras, load};
 use serde_json::json;
 
 use super::label::{Vote, elect, options};
+use super::lod_walk::{self, WalkArgs};
+use super::optimize::By;
 use crate::error::CommandError;
 use crate::lod::cross::{Summary, Trial, summary, trial};
 use crate::lod::fit::{self, LEAST_VIEWS, Line, line, means};
@@ -36,6 +38,7 @@ enum LodCommand {
     Build(BuildArgs),
     Fit(FitArgs),
     Eval(EvalArgs),
+    Walk(WalkArgs),
     Info(InfoArgs),
 }
 
@@ -54,6 +57,9 @@ pub struct BuildArgs {
     /// Splats of a level, as a share of the next finer one's
     #[arg(long, value_name = "SHARE", default_value_t = 0.5, value_parser = share)]
     pub ratio: f64,
+    /// What goes first for a coarser level
+    #[arg(long, value_enum, default_value_t = By::Layers)]
+    pub by: By,
     /// Masks that give each splat its class (else the labels beside the scene, else one class)
     #[arg(long, value_name = "FOLDER")]
     pub masks: Option<PathBuf>,
@@ -143,11 +149,12 @@ pub fn run(args: &LodArgs) -> Result<(), CommandError> {
         LodCommand::Build(args) => build(args),
         LodCommand::Fit(args) => fit(args),
         LodCommand::Eval(args) => eval(args),
+        LodCommand::Walk(args) => lod_walk::run(args),
         LodCommand::Info(args) => info(args),
     }
 }
 
-fn say(text: &str) -> Result<(), CommandError> {
+pub(super) fn say(text: &str) -> Result<(), CommandError> {
     std::io::stdout().write_all(text.as_bytes()).map_err(CommandError::Print)
 }
 
@@ -179,6 +186,13 @@ fn build(args: &BuildArgs) -> Result<(), CommandError> {
                 }
             }
             splats.labels = Some(labels.ids);
+        }
+        if splats.labels.is_none() {
+            // A fit is one of a class: here of the class of everything.
+            splats.labels = Some(vec![1; splats.len()]);
+            if !classes.iter().any(|c| c.id == 1) {
+                classes.push(Class { id: 1, name: "everything".into(), colour: class_colour(1) });
+            }
         }
         Ok(())
     };
@@ -225,7 +239,7 @@ fn simplified(
         let share = args.ratio.powi(level as i32);
         let mut coarser = list[level as usize - 1].splats.clone();
         let keep = ((whole * share) as usize).max(1);
-        let how = Simplify { keep, rounds: 1, ..Simplify::default() };
+        let how = Simplify { keep, rank: args.by.rank(), rounds: 1, ..Simplify::default() };
         simplify(&mut coarser, &goals, &options(), &how, |_| ())?;
         let name = format!("{name}, {:.1} %", 100.0 * share);
         list.push(NewLevel { name, step: 1000.0 * share, splats: coarser });
@@ -351,20 +365,9 @@ fn form(c: &ClassQuality) -> String {
     }
 }
 
-fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), CommandError> {
+pub(super) fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), CommandError> {
     let text = serde_json::to_string_pretty(value).map_err(|e| CommandError::Print(e.into()))?;
     std::fs::write(path, text + "\n").map_err(CommandError::io(path))
-}
-
-/// The model that a file keeps.
-///
-/// # Errors
-/// It has none, or one of another version.
-pub fn model_of(file: &LevelFile) -> Result<Model, CommandError> {
-    let what =
-        |why: String| CommandError::Usage(format!("{}: {why}; run motes lod fit", file.path().display()));
-    let value = file.extra().get("model").ok_or_else(|| what("the levels have no fit".into()))?;
-    serde_json::from_value(value.clone()).map_err(|e| what(format!("its fit cannot be read ({e})")))
 }
 
 fn eval(args: &EvalArgs) -> Result<(), CommandError> {
@@ -373,9 +376,10 @@ fn eval(args: &EvalArgs) -> Result<(), CommandError> {
     }
     let file = LevelFile::open(&args.file)?;
     let mut model = match &args.model {
-        Some(other) => model_of(&LevelFile::open(other)?)?,
-        None => model_of(&file)?,
-    };
+        Some(other) => Model::of_file(&LevelFile::open(other)?),
+        None => Model::of_file(&file),
+    }
+    .map_err(CommandError::Usage)?;
     if args.model.is_some() {
         // Classes are carried over by name.
         let own = file.classes();
@@ -484,7 +488,7 @@ fn listing(file: &LevelFile) -> String {
             groups.len()
         );
     }
-    if let Ok(model) = model_of(file) {
+    if let Ok(model) = Model::of_file(file) {
         let _ = writeln!(text, "fit against {}", model.against);
         for c in &model.classes {
             let _ = writeln!(text, "  {:24} residual {:.4}  R² {:.3}  {}", c.name, c.residual, c.r2, form(c));

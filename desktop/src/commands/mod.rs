@@ -9,6 +9,7 @@ pub mod golden;
 pub mod info;
 pub mod label;
 pub mod lod;
+pub mod lod_walk;
 pub mod optimize;
 pub mod plan;
 pub mod render;

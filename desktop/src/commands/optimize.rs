@@ -76,6 +76,8 @@ pub struct OptimizeArgs {
 pub enum By {
     /// What would change the pictures least
     Change,
+    /// What would change the pictures least for each layer that it is: layers become few
+    Layers,
     /// What has the least visible blending weight, summed over all pixels
     Weight,
     /// What has the least visible blending weight at its best pixel
@@ -83,9 +85,11 @@ pub enum By {
 }
 
 impl By {
-    fn rank(self) -> Rank {
+    /// As a rank.
+    pub fn rank(self) -> Rank {
         match self {
             Self::Change => Rank::Change,
+            Self::Layers => Rank::ChangePerLayer,
             Self::Weight => Rank::Weight,
             Self::Peak => Rank::Peak,
         }

@@ -3,14 +3,16 @@
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
+use motes_app::lod::{LevelChoice, Levels, Tuning};
 use motes_app::opened::Opened;
 use motes_app::viewer::{eyes, in_scene_units};
 use motes_renderer::plan::Plan;
 use motes_renderer::{FrameReport, Lens, RenderConfig, View};
 use motes_scenes::statement::Statement;
-use motes_scenes::{LoadOptions, Splats};
+use motes_scenes::{CancelToken, LoadOptions, Splats};
 use std::sync::Arc;
 
+use super::lod_walk::lod_target;
 use crate::config_args::ConfigArgs;
 use crate::error::CommandError;
 use crate::heat::Heat;
@@ -32,6 +34,9 @@ pub struct RenderArgs {
     /// Level of a streamed scene, 0 is the finest
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub level: u32,
+    /// Of a file of levels (.mlod): each region at the coarsest level that keeps this share of the finest level's SSIM
+    #[arg(long, value_name = "SSIM", value_parser = lod_target, conflicts_with = "level")]
+    pub lod_target: Option<f64>,
     /// Both eyes, side by side
     #[arg(long)]
     pub stereo: bool,
@@ -94,6 +99,7 @@ pub fn run(args: &RenderArgs) -> Result<(), CommandError> {
         None => chosen,
     };
     let config = in_scene_units(&planned, opened.settings.scale);
+    let mut leveled = args.lod_target.map(|target| leveled(paths, target)).transpose()?;
     let mut footage = Footage::new(&mut opened, frames, &options, args.video.read_ahead)?;
     let gpu = if args.reference { None } else { Some(args.device.offscreen()?) };
     let mut studio: Option<(Arc<Splats>, Studio)> = None;
@@ -108,16 +114,34 @@ pub fn run(args: &RenderArgs) -> Result<(), CommandError> {
         } else {
             vec![shot.view]
         };
-        let splats = footage.at(config.time)?;
+        let (stored, parts) = match &mut leveled {
+            None => (footage.at(config.time)?, None),
+            Some((levels, choice)) => {
+                choice.settle(&views);
+                (levels.splats.clone(), Some(levels.parts(choice.shares())))
+            }
+        };
         if let Some(gpu) = &gpu
-            && studio.as_ref().is_none_or(|(shown, _)| !Arc::ptr_eq(shown, &splats))
+            && studio.as_ref().is_none_or(|(shown, _)| !Arc::ptr_eq(shown, &stored))
         {
             // The one before goes first: two need not fit.
             drop(studio.take());
-            studio = Some((splats.clone(), Studio::new(gpu, &splats, &config)?));
+            studio = Some((stored.clone(), Studio::new(gpu, &stored, &config)?));
+        }
+        // What is shown of what is stored, by itself.
+        let splats = match (&leveled, &parts) {
+            (Some((levels, _)), Some(parts)) => Arc::new(levels.drawn(parts)),
+            _ => stored,
+        };
+        let fineness = match (&leveled, &parts) {
+            (Some((levels, _)), Some(parts)) => Some(levels.fineness(parts)),
+            _ => None,
+        };
+        if let Some((_, studio)) = &studio {
+            studio.scene().positions.choose(parts);
         }
         let painted = match args.heat {
-            Some(heat) => heat.of_splats(&splats, &views[0], &opened.classes)?,
+            Some(heat) => heat.of_splats(&splats, &views[0], &opened.classes, fineness)?,
             None => None,
         };
         let (mut pictures, report) = match (&gpu, &mut studio, &painted) {
@@ -150,6 +174,19 @@ pub fn run(args: &RenderArgs) -> Result<(), CommandError> {
     }
     drop(studio);
     gpu.as_deref().map_or(Ok(()), no_complaints)
+}
+
+/// The levels of the one file that was named, and their choice.
+fn leveled(paths: &[PathBuf], target: f64) -> Result<(Levels, LevelChoice), CommandError> {
+    let [file] = paths else {
+        return Err(CommandError::Usage("--lod-target is for one file of levels (.mlod)".into()));
+    };
+    let levels = Levels::load(file, &CancelToken::default())?;
+    if let Some(why) = &levels.unfitted {
+        return Err(CommandError::Usage(why.clone()));
+    }
+    let choice = levels.choice(Tuning { target, ..Default::default() });
+    Ok((levels, choice))
 }
 
 impl RenderArgs {

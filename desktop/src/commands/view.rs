@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use motes_app::governor::Budget;
 
+use super::lod_walk::lod_target;
 use crate::config_args::ConfigArgs;
 use crate::error::CommandError;
 use crate::scene_args::SceneArgs;
@@ -37,6 +38,12 @@ pub struct ViewArgs {
     /// take more are drawn less exactly, step by step
     #[arg(long, value_name = "LAYERS|MS")]
     pub budget: Option<Budget>,
+    /// Of a file of levels: SSIM to keep, as a share of the finest level's
+    #[arg(long, value_name = "SSIM", default_value_t = 0.97, value_parser = lod_target)]
+    pub lod_target: f64,
+    /// Read a file of levels on the way, in the order of need, into so much memory
+    #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u64).range(1..=1 << 20))]
+    pub lod_memory: Option<u64>,
     #[command(flatten)]
     config: ConfigArgs,
     #[command(flatten)]
@@ -54,6 +61,8 @@ pub fn run(args: &ViewArgs) -> Result<(), CommandError> {
         config: args.config.config(),
         by_plan: args.config.by_plan(),
         budget: args.budget,
+        lod_target: args.lod_target,
+        lod_memory: args.lod_memory.map(|mebibytes| mebibytes << 20),
         stereo: args.stereo,
         panel: !args.no_panel,
         size: args.size.0,

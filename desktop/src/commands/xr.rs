@@ -6,6 +6,7 @@ use std::time::Duration;
 use motes_app::governor::Budget;
 use motes_app::headset::HeadsetSettings;
 use motes_app::loader::{SceneSource, Storage};
+use motes_app::lod::Tuning;
 use motes_app::opened::Opened;
 use motes_renderer::{Lens, Packing, RenderConfig, pipeline_cache};
 use motes_scenes::LoadOptions;
@@ -172,6 +173,8 @@ pub fn open_window(args: &XrArgs) -> Result<(), CommandError> {
         config: args.config(),
         by_plan: args.config.by_plan(),
         budget: args.budget,
+        lod_target: Tuning::default().target,
+        lod_memory: None,
         stereo: false,
         panel: true,
         size: [1600, 900],

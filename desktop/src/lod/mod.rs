@@ -4,3 +4,5 @@ pub mod cross;
 pub mod fit;
 pub mod observe;
 pub mod plots;
+pub mod stream;
+pub mod walk;

@@ -48,7 +48,8 @@ pub fn class(
         means(observations, quality.class).iter().map(|p| (p[0], p[1], RED.mix(1.0))).collect();
     let curve: Vec<_> = samples(steps).map(|i| (i, quality.quality.ssim(i, middle))).collect();
     let title = format!("{}: SSIM over iterations (curve at the median distance)", quality.name);
-    draw(&file, &title, "iteration", steps, heights.clone(), &[&points[..], &dots].concat(), &[curve])?;
+    let dots = [&points[..], &dots].concat();
+    draw(&file, &title, ["iteration", "SSIM"], steps, heights.clone(), &dots, &[curve])?;
 
     let file = folder.join(format!("{name}-distance.svg"));
     let mut levels: Vec<f64> = mine.iter().map(|o| o.step).collect();
@@ -67,7 +68,20 @@ pub fn class(
         .map(|&step| samples(distances).map(|d| (d, quality.quality.ssim(step, d))).collect())
         .collect();
     let title = format!("{}: SSIM over the minimum distance", quality.name);
-    draw(&file, &title, "minimum distance", distances, heights, &points, &curves)
+    draw(&file, &title, ["minimum distance", "SSIM"], distances, heights, &points, &curves)
+}
+
+/// Bytes in memory over a walk, and the line that they must stay below.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn memory(file: &Path, seconds: f64, resident: &[(f64, u64)], budget: u64) -> Result<(), CommandError> {
+    let mebibytes = |bytes: u64| bytes as f64 / f64::from(1 << 20);
+    let curve = resident.iter().map(|&(at, bytes)| (at, mebibytes(bytes))).collect();
+    let line = vec![(0.0, mebibytes(budget)), (seconds, mebibytes(budget))];
+    let heights = 0.0..1.1 * mebibytes(budget);
+    let title = "Splats in memory over a walk, and the budget";
+    draw(file, title, ["seconds of the walk", "MiB"], (0.0, seconds), heights, &[], &[curve, line])
 }
 
 fn samples((low, high): (f64, f64)) -> impl Iterator<Item = f64> {
@@ -77,7 +91,7 @@ fn samples((low, high): (f64, f64)) -> impl Iterator<Item = f64> {
 fn draw(
     file: &Path,
     title: &str,
-    across: &str,
+    [across, upward]: [&str; 2],
     (low, high): (f64, f64),
     heights: std::ops::Range<f64>,
     points: &[(f64, f64, RGBAColor)],
@@ -94,7 +108,7 @@ fn draw(
             .x_label_area_size(36)
             .y_label_area_size(48)
             .build_cartesian_2d((low - margin)..(high + margin), heights)?;
-        chart.configure_mesh().x_desc(across).y_desc("SSIM").light_line_style(WHITE).draw()?;
+        chart.configure_mesh().x_desc(across).y_desc(upward).light_line_style(WHITE).draw()?;
         chart.draw_series(points.iter().map(|&(x, y, colour)| Circle::new((x, y), 3, colour.filled())))?;
         for curve in curves {
             chart

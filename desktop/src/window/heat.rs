@@ -6,6 +6,7 @@ use std::thread::JoinHandle;
 
 use clap::ValueEnum;
 use egui::{Color32, ColorImage, Pos2, Rect, TextureHandle, TextureOptions, Ui};
+use motes_app::lod::Tuning;
 use motes_app::opened::Opened;
 use motes_app::viewer::Viewer;
 use motes_renderer::{RenderConfig, View};
@@ -28,6 +29,7 @@ struct Request {
     opened: Arc<Opened>,
     views: Vec<View>,
     config: RenderConfig,
+    detail: Tuning,
 }
 
 impl PartialEq for Request {
@@ -36,6 +38,7 @@ impl PartialEq for Request {
             && Arc::ptr_eq(&self.opened, &other.opened)
             && self.views == other.views
             && self.config == other.config
+            && self.detail == other.detail
     }
 }
 
@@ -90,8 +93,16 @@ impl HeatMap {
         };
         let job = request.clone();
         let job = std::thread::Builder::new().name("heat map".into()).spawn(move || {
-            let Request { heat, opened, views, config } = job;
-            side_by_side(&heat.pictures(&opened.scene.splats, &opened.classes, &views, &config, &drawn?)?)
+            let Request { heat, opened, views, config, detail } = job;
+            let Some(levels) = &opened.levels else {
+                let scene = (&opened.scene.splats, None);
+                return side_by_side(&heat.pictures(scene, &opened.classes, &views, &config, &drawn?)?);
+            };
+            let mut choice = levels.choice(detail);
+            choice.settle(&views);
+            let parts = levels.parts(choice.shares());
+            let scene = (&levels.drawn(&parts), Some(levels.fineness(&parts)));
+            side_by_side(&heat.pictures(scene, &opened.classes, &views, &config, &drawn?)?)
         });
         match job {
             Ok(job) => self.job = Some((request, job)),
@@ -104,7 +115,13 @@ impl HeatMap {
         let longest = size[0].max(size[1]).max(1);
         let size = size.map(|s| (s * LONGEST.min(longest) / longest).max(1));
         let config = viewer.frame_config();
-        Some(Request { heat, opened: stage.opened.clone(), views: viewer.views(size), config })
+        Some(Request {
+            heat,
+            opened: stage.opened.clone(),
+            views: viewer.views(size),
+            config,
+            detail: viewer.detail,
+        })
     }
 
     /// Lays the map over the whole window, where it is of what is seen, and says what its colours mean.

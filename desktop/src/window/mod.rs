@@ -42,6 +42,10 @@ pub struct WindowOptions {
     pub by_plan: Option<Overrides>,
     /// What a frame may take; nothing is held without.
     pub budget: Option<Budget>,
+    /// Of a file of levels: SSIM to keep.
+    pub lod_target: f64,
+    /// A file of levels is read on the way into so many bytes.
+    pub lod_memory: Option<u64>,
     /// Both eyes side by side.
     pub stereo: bool,
     /// Whether the panel is shown.
@@ -196,6 +200,8 @@ impl Open {
         );
         let screen = Screen::new(&gpu, display, handle, window.inner_size().into(), options.paced)?;
         let mut viewer = Viewer::new(&gpu, options.config.clone());
+        viewer.detail.target = options.lod_target;
+        viewer.memory = options.lod_memory;
         viewer.stereo = options.stereo;
         viewer.panel = options.panel;
         viewer.by_plan = options.by_plan;

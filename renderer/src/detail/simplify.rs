@@ -13,6 +13,8 @@ pub enum Rank {
     /// How much the pictures would change without it ([`Importance::change`]).
     #[default]
     Change,
+    /// The same for each layer that it is: what costs most for what it gives goes first, so that layers become few.
+    ChangePerLayer,
     /// Visible blending weight, summed over all pixels ([`Importance::weight`]).
     Weight,
     /// Largest visible blending weight at a pixel ([`Importance::peak`]).
@@ -26,6 +28,9 @@ impl Rank {
     pub fn values(self, splats: &Splats, importance: &Importance) -> Vec<f64> {
         match self {
             Self::Change => importance.change.clone(),
+            Self::ChangePerLayer => {
+                importance.change.iter().zip(&importance.covered).map(|(c, n)| c / n.max(1.0)).collect()
+            }
             Self::Weight => importance.weight.clone(),
             Self::Peak => importance.peak.clone(),
             Self::Opacity => splats.opacities.iter().map(|&o| f64::from(o)).collect(),

@@ -18,6 +18,8 @@ pub struct Importance {
     /// How much the pictures would change without the splat: sum over pixels of `|T α (c − B)|²`, `c` its colour and `B` that
     /// of all that lies behind it. A splat of its background's colour is not missed, however much it covers.
     pub change: Vec<f64>,
+    /// Layers that it is: pixels in which it is blended.
+    pub covered: Vec<f64>,
     /// Share of its weight that comes from the one view that sees most of it, `0 ..= 1`.
     pub favourite: Vec<f64>,
     /// Pixels that were looked at.
@@ -40,14 +42,16 @@ pub struct Census {
     weight: Sums,
     peak: Sums,
     change: Sums,
+    covered: Sums,
 }
 
 impl Census {
-    /// For a scene of so many splats; takes some 70 bytes each.
+    /// For a scene of so many splats; takes some 80 bytes each.
     pub fn new(splats: usize) -> Self {
         let found = Importance { weight: vec![0.0; splats], ..Importance::default() };
         let sums = || Sums::new(splats);
-        Self { found, largest_view: vec![0.0; splats], weight: sums(), peak: sums(), change: sums() }
+        let largest_view = vec![0.0; splats];
+        Self { found, largest_view, weight: sums(), peak: sums(), change: sums(), covered: sums() }
     }
 
     /// Looks from one more view.
@@ -79,6 +83,7 @@ impl Census {
                 self.weight.add(i, layer.weight());
                 self.peak.raise(i, layer.weight());
                 self.change.add(i, change.length_squared());
+                self.covered.add(i, 1.0);
             });
         })?;
         self.found.layers += layers.into_inner();
@@ -95,6 +100,7 @@ impl Census {
     pub fn finish(mut self) -> Importance {
         self.found.peak = self.peak.values().collect();
         self.found.change = self.change.values().collect();
+        self.found.covered = self.covered.values().collect();
         let share = |(&largest, &sum): (&f64, &f64)| if sum > 0.0 { largest / sum } else { 0.0 };
         self.found.favourite = self.largest_view.iter().zip(&self.found.weight).map(share).collect();
         self.found
@@ -143,6 +149,7 @@ mod tests {
         assert!((found.weight[0] - sum(0)).abs() < 1e-4, "{} {}", found.weight[0], sum(0));
         assert!((found.weight[1] - sum(1)).abs() < 1e-4 && found.weight[1] > 1.0);
         assert_eq!((found.weight[2], found.peak[2], found.change[2]), (0.0, 0.0, 0.0));
+        assert_eq!(found.covered.iter().sum::<f64>(), found.layers as f64);
         assert!((found.layers_per_pixel() - image.mean(|p| f64::from(p.layers))).abs() < 1e-12);
         assert!(found.peak[0] > 0.7 && found.peak[0] <= 0.8 && found.favourite[0] == 1.0);
         // Two views see the same: the sums double, the largest stays, and neither is the favourite.

@@ -10,12 +10,13 @@ pub use alive::{AliveIndex, support};
 pub use radix::{SortBuffers, float_key, float_key_16, radix_sort};
 pub use worker::SortWorker;
 
+use crate::parts::{Part, Parts};
 use crate::renderer::midpoint;
 use crate::{KeyBits, OrderKey, RenderConfig, TimeCull, View};
 use glam::{DVec3, Vec3};
 use motes_scenes::{Motion, Splats};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError, RwLock};
 
 /// What an order depends on.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,6 +35,8 @@ pub struct OrderRequest {
     pub time: f32,
     /// Whether splats that are invisible around that time are left out.
     pub time_cull: TimeCull,
+    /// Which parts of the scene, as [`Parts::id`]; 0: all of it. A sort takes the parts that are chosen when it begins.
+    pub parts: u64,
 }
 
 impl OrderRequest {
@@ -49,17 +52,26 @@ impl OrderRequest {
             second: per_eye.then(|| (views[1].eye, forward(&views[1]))),
             time: config.time,
             time_cull: config.time_cull,
+            parts: 0,
         }
+    }
+
+    /// The same of the parts of a scene that are drawn now.
+    pub fn of_parts(self, positions: &Positions) -> Self {
+        Self { parts: positions.parts().map_or(0, |p| p.id()), ..self }
     }
 }
 
 /// Where splats are, kept on the processor for sorting: 12 bytes a splat, and the motion of a moving scene.
-#[derive(Clone, Debug, Default)]
+#[derive(Debug, Default)]
 pub struct Positions {
     origin: DVec3,
-    means: Vec<[f32; 3]>,
+    count: usize,
+    /// Written only where a scene's splats come and go.
+    means: RwLock<Vec<[f32; 3]>>,
     motion: Option<Motion>,
     alive: Option<Arc<AliveIndex>>,
+    parts: Mutex<Option<Arc<Parts>>>,
 }
 
 impl Positions {
@@ -67,20 +79,53 @@ impl Positions {
     pub fn of(splats: &Splats) -> Self {
         Self {
             origin: splats.origin.into(),
-            means: splats.means.clone(),
+            count: splats.len(),
+            means: RwLock::new(splats.means.clone()),
             motion: splats.motion.clone(),
             alive: AliveIndex::new(splats).map(Arc::new),
+            parts: Mutex::new(None),
         }
+    }
+
+    /// From now on, only these parts are sorted and drawn; those that reach beyond the scene are left out. None: all of it.
+    /// Where there are parts, [`TimeCull`] has no say.
+    pub fn choose(&self, parts: Option<Parts>) {
+        let end = self.count as u64;
+        let within = |p: Parts| match p.list().last() {
+            Some(last) if u64::from(last.first) + u64::from(last.splats) > end => {
+                let inside = |p: &&Part| u64::from(p.first) + u64::from(p.splats) <= end;
+                Parts::new(p.list().iter().filter(inside).copied())
+            }
+            _ => p,
+        };
+        *self.parts.lock().unwrap_or_else(PoisonError::into_inner) = parts.map(within).map(Arc::new);
+    }
+
+    /// The parts that are sorted and drawn; none: all of the scene.
+    pub fn parts(&self) -> Option<Arc<Parts>> {
+        self.parts.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Places for so many splats that come and go, relative to an origin.
+    pub(crate) fn with_room(splats: u32, origin: DVec3) -> Self {
+        let means = RwLock::new(vec![[0.0; 3]; splats as usize]);
+        Self { origin, count: splats as usize, means, ..Self::default() }
+    }
+
+    /// Puts splats in their places, from `first` on.
+    pub(crate) fn write(&self, first: usize, means: &[[f32; 3]]) {
+        let mut all = self.means.write().unwrap_or_else(PoisonError::into_inner);
+        all[first..first + means.len()].copy_from_slice(means);
     }
 
     /// Number of splats.
     pub fn len(&self) -> usize {
-        self.means.len()
+        self.count
     }
 
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
-        self.means.is_empty()
+        self.count == 0
     }
 
     /// Which splats are alive when; none for a still scene, or one where leaving out the others would save little.
@@ -96,9 +141,9 @@ impl Positions {
         }
     }
 
-    /// The mean of splat `i` at a time, relative to the scene's origin.
-    fn mean(&self, i: usize, time: f32) -> Vec3 {
-        let mean = Vec3::from(self.means[i]);
+    /// Where splat `i` with a mean is at a time, relative to the scene's origin.
+    fn moved(&self, mean: [f32; 3], i: usize, time: f32) -> Vec3 {
+        let mean = Vec3::from(mean);
         match &self.motion {
             None => mean,
             Some(m) => {
@@ -128,8 +173,10 @@ pub fn sort_front_to_back(
     let (center, rest) = two_parts(request.center - positions.origin);
     let forward = request.forward.as_vec3();
     let (bits, key, time) = (request.bits, request.key, request.time);
+    let means = positions.means.read().unwrap_or_else(PoisonError::into_inner);
     let key_of = |i: u32| {
-        let d = (positions.mean(i as usize, time) - center) - rest;
+        let mean = means[i as usize];
+        let d = (positions.moved(mean, i as usize, time) - center) - rest;
         let value = match (key, bits) {
             (OrderKey::Radial, KeyBits::B32) => d.length_squared(),
             // The root: half the exponent's range, twice the resolution.
@@ -141,9 +188,10 @@ pub fn sort_front_to_back(
             KeyBits::B16 => float_key_16(value),
         }
     };
-    match positions.candidates(request) {
-        None => buffers.set((0..positions.len() as u32).map(|i| (key_of(i), i))),
-        Some(alive) => buffers.set(alive.iter().map(|&i| (key_of(i), i))),
+    match (positions.parts(), positions.candidates(request)) {
+        (Some(parts), _) => buffers.set(parts.indices().map(|i| (key_of(i), i))),
+        (None, Some(alive)) => buffers.set(alive.iter().map(|&i| (key_of(i), i))),
+        (None, None) => buffers.set((0..positions.len() as u32).map(|i| (key_of(i), i))),
     }
     radix_sort(buffers, if bits == KeyBits::B16 { 16 } else { 32 });
     order.clear();

@@ -147,6 +147,7 @@ mod tests {
             second: None,
             time: 0.0,
             time_cull: TimeCull::Index,
+            parts: 0,
         };
         let order = worker.wait_for(request).indices.clone();
         let x = |i: &u32| splats.means[*i as usize][0];
@@ -170,6 +171,7 @@ mod tests {
             second: None,
             time: 0.0,
             time_cull: TimeCull::Index,
+            parts: 0,
         };
         let mut made = Vec::new();
         for frame in 0..9 {

@@ -38,6 +38,7 @@ impl Renderer {
             offset: part as u64 * FRAME_DATA_STRIDE,
             range: size_of::<FrameData>() as u64,
         }];
+        let parts = [whole(&self.slots[slot].part_list)];
         // A stream of fewer bindings fills the rest with the scene's geometry: they are never read, and a scene
         // without an attribute has no buffer for it.
         let first = &scene.geometry.buffers[0];
@@ -68,6 +69,7 @@ impl Renderer {
         // Arrays: a frame allocates nothing.
         let writes = [
             write(0, 0, vk::DescriptorType::UNIFORM_BUFFER, &uniform[..]),
+            write(0, 1, storage, &parts),
             write(1, 0, storage, &geometry),
             write(1, 1, storage, &harmonics),
             write(1, 2, storage, &motion),

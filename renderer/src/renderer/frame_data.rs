@@ -16,6 +16,7 @@ pub(super) fn specialization(
     views: usize,
     config: &RenderConfig,
     resolution: &Resolution,
+    parts: bool,
 ) -> Specialization {
     Specialization {
         projection: config.projection as u32,
@@ -44,6 +45,7 @@ pub(super) fn specialization(
         sh_shift: scene.harmonics.shift,
         sampling: resolution.sampling as u32,
         lens: config.lens as u32,
+        parts: u32::from(parts),
     }
 }
 

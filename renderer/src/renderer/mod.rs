@@ -5,6 +5,7 @@ mod descriptors;
 mod frame_data;
 mod hidden;
 mod order;
+mod part_list;
 mod prepare;
 mod upscale;
 
@@ -14,6 +15,7 @@ use crate::config::{Composite, Expansion, RenderConfig, Sorter};
 use crate::gpu::{Buffer, Gpu, GpuError, Image};
 use crate::order::SplatOrder;
 use crate::order::device::DeviceSort;
+use crate::parts::Parts;
 use crate::passes::{PassKey, Passes};
 use crate::pipeline_cache::Kept;
 use crate::report::{FrameReport, Queries};
@@ -91,6 +93,8 @@ struct Slot {
     submitted: bool,
     descriptors: vk::DescriptorPool,
     uniform: Buffer,
+    /// The parts that are drawn, where a scene is drawn in parts.
+    part_list: Buffer,
     order_staging: [Option<Buffer>; 2],
     /// Parts of the frame: 2 where each eye is prepared by itself.
     parts: usize,
@@ -146,6 +150,8 @@ pub struct Renderer {
     sample: u32,
     /// Splats in the order of the part that is being recorded.
     ordered: u32,
+    /// The parts that the frame draws; none for the whole scene.
+    parts: Option<Arc<Parts>>,
     indices: HashMap<u32, Buffer>,
     attachments: Option<Attachments>,
     count_layers: bool,
@@ -172,6 +178,7 @@ impl Renderer {
             device_sort: None,
             sample: 0,
             ordered: 0,
+            parts: None,
             indices: HashMap::new(),
             attachments: None,
             count_layers: false,
@@ -216,6 +223,7 @@ impl Renderer {
             submitted: false,
             descriptors,
             uniform,
+            part_list: part_list::buffer(gpu, 0)?,
             order_staging: [None, None],
             parts: 0,
             marks_due: false,
@@ -424,6 +432,7 @@ impl Renderer {
             let reason = "sort stochastic blends no layers that could be counted";
             return Err(GpuError::Config(crate::ConfigError(reason.into())));
         }
+        self.write_parts(frame.slot, request.scene)?;
         let reduction = self.upscaler.reduction(request);
         self.upscaler.begin(request, &reduction, blended_format(config.target))?;
         if config.sort_per_eye && views.len() == 2 {
@@ -461,7 +470,8 @@ impl Renderer {
     ) -> Result<(), GpuError> {
         let DrawRequest { scene, views, config, target, .. } = *request;
         let part = own_eye.unwrap_or(0);
-        let specialization = specialization(scene, views.len(), config, &reduction.resolution);
+        let in_parts = self.parts.is_some();
+        let specialization = specialization(scene, views.len(), config, &reduction.resolution, in_parts);
         self.prepare_workspace(scene, specialization.projection == crate::Projection::Exact as u32)?;
         let sets = self.scene_sets(frame.slot, scene, part)?;
         self.ordered = self.order(frame.slot, request, own_eye, [sets[0], sets[1]], specialization)?;

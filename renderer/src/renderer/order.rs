@@ -26,7 +26,7 @@ impl Renderer {
         let count = match request.config.sorter {
             Sorter::Cpu => self.upload_order(slot, request, own_eye)?,
             Sorter::Gpu => self.sort_on_device(slot, request, own_eye, sets, specialization)?,
-            Sorter::Stochastic => request.scene.splats,
+            Sorter::Stochastic => self.parts.as_ref().map_or(request.scene.splats, |p| p.splats()),
         };
         self.wait_for_readers(slot);
         Ok(count)
@@ -112,7 +112,11 @@ impl Renderer {
         specialization: Specialization,
     ) -> Result<u32, GpuError> {
         let scene = request.scene;
-        let wanted = OrderRequest::new(request.views, request.config);
+        let parts = self.parts.clone();
+        let wanted = OrderRequest {
+            parts: parts.as_ref().map_or(0, |p| p.id()),
+            ..OrderRequest::new(request.views, request.config)
+        };
         let eye = own_eye.unwrap_or(0);
         let Some(workspace) = &mut self.workspace else { return Ok(0) };
         let order = &mut workspace.orders[eye];
@@ -122,7 +126,8 @@ impl Renderer {
                 && made.own_eye == own_eye.is_some()
                 && made.request.key == wanted.key
                 && made.request.bits == wanted.bits
-                && made.request.time_cull == wanted.time_cull;
+                && made.request.time_cull == wanted.time_cull
+                && made.request.parts == wanted.parts;
             if same_kind && (made.request == wanted || made.age < request.config.sort_interval) {
                 return Ok(order.count);
             }
@@ -138,7 +143,9 @@ impl Renderer {
         let sort_sets = sorter.allocate(self.slots[slot].descriptors)?;
         let commands = self.slots[slot].commands;
         let buffer = order.buffer(&self.gpu)?;
-        order.count = sorter.record(commands, sort_sets, scene, sets, specialization, buffer, &wanted)?;
+        let parts = parts.as_deref();
+        order.count =
+            sorter.record(commands, sort_sets, scene, sets, specialization, buffer, &wanted, parts)?;
         self.slots[slot].report.dispatches += sorter.dispatches(wanted.bits);
         order.id = 0;
         order.device_made =

@@ -33,6 +33,7 @@ pub(crate) fn read(format: Format, source: &Source, ctx: &LoadContext<'_>) -> Re
         Format::Spz => spz::read(source, ctx),
         Format::Sog => sog::read(source, ctx),
         Format::StreamedSog => streamed_sog::read(source, ctx),
+        Format::Levels => crate::levels::read(source, ctx),
         Format::Folder | Format::Synthetic => Err(SceneError::unsupported(
             source.path(),
             "not a scene file by itself",

@@ -12,6 +12,7 @@ use motes_app::governor::Governor;
 use motes_app::headset::{
     Comfort, Eye, EyeFov, Input, Listed, Locomotion, Offered, Panel, PanelEvents, Placement, Pose,
 };
+use motes_app::lod::Tuning;
 use motes_app::measurement::Measurement;
 use motes_app::time::TimeControl;
 use motes_renderer::order::{OrderRequest, SortWorker};
@@ -323,10 +324,14 @@ impl Viewer {
         }
         config.near *= units;
         config.near_fade *= units;
+        let since = self.last.as_ref().map_or(0, |last| frame.display_time - last.time.display_time);
+        let since = Duration::from_nanos(since.max(0) as u64);
         if let Some(playback) = &mut self.playback {
-            let since = self.last.as_ref().map_or(0, |last| frame.display_time - last.time.display_time);
-            let passed = if measures { 0 } else { since.max(0) as u64 };
-            config.time = playback.advance(Duration::from_nanos(passed));
+            config.time = playback.advance(if measures { Duration::ZERO } else { since });
+        }
+        if let Some(detail) = &mut content.detail {
+            let ease = self.governor.as_ref().map_or(0.0, Governor::detail_ease);
+            detail.advance(&views, since.as_secs_f64(), ease, Tuning::default());
         }
         let frame_of_sequence = match (&mut content.sequence, &self.playback) {
             (Some(sequence), Some(playback)) => {
@@ -337,7 +342,7 @@ impl Viewer {
             _ => None,
         };
         sorter.set_interval(config.sort_interval);
-        let wanted = OrderRequest::new(&views, &config);
+        let wanted = OrderRequest::new(&views, &config).of_parts(&content.scene.positions);
         if let Some(hidden) = headset.hidden()? {
             self.hidden = hidden;
             self.hidden_for = None;

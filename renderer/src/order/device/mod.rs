@@ -8,6 +8,7 @@ pub use standalone::KeySorter;
 
 use super::OrderRequest;
 use crate::gpu::{Buffer, Gpu, GpuError};
+use crate::parts::Parts;
 use crate::scene::SceneOnDevice;
 use crate::{KeyBits, OrderKey};
 use ash::vk;
@@ -25,6 +26,7 @@ fn call<T>(result: Result<T, vk::Result>, call: &'static str) -> Result<T, GpuEr
 const KEY_DEPTH: u32 = 1;
 const KEY_16: u32 = 2;
 const KEY_LISTED: u32 = 4;
+const KEY_PARTS: u32 = 8;
 /// Invocations of a workgroup that makes keys.
 const KEYS_GROUP: SortShape = SortShape { group: 64, run: 1, digit_bits: 1 };
 
@@ -85,7 +87,7 @@ impl DeviceSort {
 
     /// Records keys and passes; says how many splats the order in `sorted` has. What still reads `sorted` has been
     /// waited for; what reads it next in a compute stage need not wait. The frame data hold the request's centre, and its
-    /// direction as that of the first view.
+    /// direction as that of the first view; the frame's set holds the parts, where there are any.
     #[allow(clippy::too_many_arguments)]
     pub fn record(
         &mut self,
@@ -96,12 +98,14 @@ impl DeviceSort {
         specialization: Specialization,
         sorted: &Buffer,
         request: &OrderRequest,
+        parts: Option<&Parts>,
     ) -> Result<u32, GpuError> {
         let pipeline = self.keys_pipeline(specialization)?;
         let Some((_, buffers)) = &self.buffers else { return Ok(0) };
         let key_bits = if request.bits == KeyBits::B16 { 16 } else { 32 };
-        let listed = scene.alive_at(request);
-        let count = listed.as_ref().map_or(scene.splats, |l| l.range.len() as u32);
+        let listed = if parts.is_some() { None } else { scene.alive_at(request) };
+        let of_list = listed.as_ref().map_or(scene.splats, |l| l.range.len() as u32);
+        let count = parts.map_or(of_list, Parts::splats);
         if count == 0 {
             return Ok(0);
         }
@@ -117,7 +121,10 @@ impl DeviceSort {
         if listed.is_some() {
             key |= KEY_LISTED;
         }
-        let values_are_places = listed.is_none();
+        if parts.is_some() {
+            key |= KEY_PARTS;
+        }
+        let values_are_places = listed.is_none() && parts.is_none();
         let push = Push {
             count,
             tiles: 0,
