@@ -54,7 +54,7 @@ pub struct Table {
 /// How close a picture must come to the exact one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Quality {
-    /// The closest of what was measured that runs on every device.
+    /// The closest of what was measured.
     Exact,
     /// FLIP of at most 0.01.
     Balanced,

@@ -73,6 +73,8 @@ const FULL: Sweep = Sweep {
         ("max-radius", &["0.25"]),
     ],
     points: &[
+        &[("projection", "exact"), ("target-format", "rgba32f")],
+        &[("projection", "exact"), ("target-format", "rgba32f"), ("radius", "full")],
         &[("stop-below", "0.01"), ("min-contribution", "0.1")],
         &[("stop-below", "0.02"), ("min-contribution", "0.5")],
         &[("stop-below", "0.05"), ("min-contribution", "0.5")],
