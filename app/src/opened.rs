@@ -183,14 +183,43 @@ pub fn saved_view(saved: &SavedView, fov: f64, size: [u32; 2]) -> View {
     }
 }
 
-/// A scene's name for titles: its file's, and its folder's where the file's says nothing.
+/// A scene's name for titles: its file's, and its folder's where the file's says nothing; of a level of a streamed scene
+/// (`NAME/0_0`) with the scene's before it.
 pub fn name_of(path: &Path) -> String {
     let name = |p: &Path| p.file_name().map(|n| n.to_string_lossy().into_owned());
-    match name(path) {
-        Some(file) if matches!(file.as_str(), "meta.json" | "lod-meta.json" | "point_cloud.ply") => {
-            path.parent().and_then(name).unwrap_or(file)
+    let Some(file) = name(path) else { return path.display().to_string() };
+    if matches!(file.as_str(), "meta.json" | "lod-meta.json" | "point_cloud.ply") {
+        return path.parent().filter(|folder| name(folder).is_some()).map_or(file, name_of);
+    }
+    match path.parent().and_then(name) {
+        Some(scene) if is_level(&file) => format!("{scene}/{file}"),
+        _ => file,
+    }
+}
+
+/// Whether a folder is called as the levels of a streamed scene are: `LEVEL_PART`.
+fn is_level(folder: &str) -> bool {
+    let number = |text: &str| !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit());
+    folder.split_once('_').is_some_and(|(level, part)| number(level) && number(part))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_scene_is_called_what_says_most() {
+        for (path, name) in [
+            ("scenes/plant.ply", "plant.ply"),
+            ("plant.ply", "plant.ply"),
+            ("scenes/skull/meta.json", "skull"),
+            ("meta.json", "meta.json"),
+            ("scenes/garden/3_0/meta.json", "garden/3_0"),
+            ("scenes/garden/3_0", "garden/3_0"),
+            ("scenes/garden/3_x", "3_x"),
+            ("..", ".."),
+        ] {
+            assert_eq!(name_of(Path::new(path)), name, "{path}");
         }
-        Some(file) => file,
-        None => path.display().to_string(),
     }
 }

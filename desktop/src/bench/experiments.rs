@@ -312,9 +312,8 @@ pub const EXPERIMENTS: &[Experiment] = &[
             ),
             row("fragments per pixel, with early stop", "", Quantity::Layers, BASE),
         ],
-        why: "Our scenes are objects on a black ground, and pictures of 640 × 480: the ground has no \
-              layers, and a splat of a few pixels covers more of them at a headset's size. Figure 20 has \
-               no scale that can be read.",
+        why: "Scenes differ, and so do sizes: a black ground has no layers, and a splat of a few pixels \
+              covers more of them at a headset's size. Figure 20 has no scale that can be read.",
     },
     Experiment {
         name: "early-stop",
@@ -370,8 +369,8 @@ pub const EXPERIMENTS: &[Experiment] = &[
             ),
         ],
         why: "The gain is what lies behind opaque pixels: much indoors and in gardens, little for one \
-              object on an empty ground. Marks cost a full-screen pass a batch, which a small picture \
-              feels most.",
+              object on an empty ground. Marks look at the tiles where pixels are predicted to be \
+              opaque, which a small picture feels most.",
     },
     Experiment {
         name: "projection",

@@ -9,11 +9,8 @@ use super::record::Record;
 
 /// Choices that headsets and some PCs lack, or that need more than one frame to look as they should: they cannot be what
 /// a quality stands for. (32-bit sums can: PCs blend them, and half floats alone miss 0.01 on dense scenes.)
-const NOT_EVERYWHERE: &[(&str, &str)] = &[
-    ("expansion", "geometry"),
-    ("sort", "stochastic"),
-    ("upscale", "interleaved-temporal"),
-];
+const NOT_EVERYWHERE: &[(&str, &str)] =
+    &[("expansion", "geometry"), ("sort", "stochastic"), ("upscale", "interleaved-temporal")];
 
 /// The table: configurations that were measured on every scene, by their largest error and their mean cost over the
 /// default's.
