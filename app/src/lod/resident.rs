@@ -16,7 +16,7 @@ use motes_renderer::gpu::Gpu;
 use motes_renderer::parts::{Part, Parts};
 use motes_renderer::{Packing, SceneOnDevice, Uploader};
 use motes_scenes::SceneError;
-use motes_scenes::levels::LevelFile;
+use motes_scenes::levels::{LevelFile, Range as FileRange};
 
 use super::levels::region_of;
 use super::pages::{PAGE, Pages};
@@ -104,12 +104,10 @@ impl Resident {
         // Beside what is on the device, means are kept for sorting.
         let splat_bytes = 4 * (packing.geometry_words() + packing.sh_words()) as u64 + 12;
         let pages = (budget / (splat_bytes * u64::from(PAGE))).min(u64::from(u32::MAX / PAGE)) as u32;
-        // So much at least, or something would always be missing: the coarsest level of everything, and one region on its
-        // way to another level.
+        // So much at least, or something would always be missing.
         let takes = |splats: u32| Pages::of_splats(splats.into());
         let coarsest: u64 = regions.iter().filter_map(|r| r.splats.last()).map(|&n| takes(n)).sum();
-        let largest = regions.iter().flat_map(|r| &r.splats).map(|&n| takes(n)).max().unwrap_or(0);
-        let least = (coarsest as f64 / PROMISED) as u64 + 2 * largest;
+        let least = (coarsest as f64 / PROMISED).ceil() as u64;
         if u64::from(pages) < least {
             return Err(LoadError::Scene(SceneError::TooLarge {
                 path: path.to_owned(),
@@ -216,9 +214,19 @@ impl Drop for Resident {
 }
 
 impl State {
-    /// The first wish that is not there and could be read.
-    fn next(&self) -> Option<Key> {
-        self.wishes.iter().find(|k| !self.held.contains_key(k) && !self.failed.contains_key(k)).copied()
+    /// The first wish that is not there, that could be read, and that there is room for; with its range and pages.
+    fn next(&mut self, file: &LevelFile) -> Option<(Key, FileRange, Vec<Range<u32>>)> {
+        let there = |key: &&Key| self.held.contains_key(key) || self.failed.contains_key(key);
+        let missing: Vec<Key> = self.wishes.iter().filter(|key| !there(key)).copied().collect();
+        // Where there was no room once, nothing is left that could go: only what is free.
+        let mut full = false;
+        missing.into_iter().find_map(|key| {
+            let range = *file.groups().get(key.0)?.ranges.get(key.1)?;
+            let needed = Pages::of_splats(range.splats);
+            let pages = if full { self.pages.take(needed) } else { self.make_room(needed) };
+            full |= pages.is_none();
+            Some((key, range, pages?))
+        })
     }
 
     /// Pages for a wish; what is needed least goes for them. None where everything is needed.
@@ -253,10 +261,7 @@ impl Shared {
     fn run(&self, file: &LevelFile, scene: &SceneOnDevice, mut uploader: Uploader) {
         let mut state = self.lock();
         while !state.quit {
-            let wish = state.next().and_then(|key| {
-                let range = file.groups().get(key.0)?.ranges.get(key.1)?;
-                Some((key, *range, state.make_room(Pages::of_splats(range.splats))?))
-            });
+            let wish = state.next(file);
             let Some((key, range, pages)) = wish else {
                 state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
                 continue;
