@@ -257,7 +257,8 @@ mod tests {
         assert!(error.contains("cubist") && error.contains("tangent"), "{error}");
         assert!(Choice::named("background").unwrap().set(&mut config, "1,2").is_err());
         assert!(Choice::named("near").unwrap().set(&mut config, "close").is_err());
-        Choice::named("stop-below").unwrap().set(&mut config, "1/255").unwrap();
         assert_eq!(config, RenderConfig::default());
+        Choice::named("stop-below").unwrap().set(&mut config, "1/255").unwrap();
+        assert_eq!(config, RenderConfig { stop_below: 1.0 / 255.0, ..RenderConfig::default() });
     }
 }
