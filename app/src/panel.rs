@@ -80,6 +80,13 @@ fn figures_table(ui: &mut Ui, viewer: &Viewer, figures: &Figures, device: &str) 
         row("  prepare, draw", format!("{:.1}, {:.1} ms", report.prepare_ns / 1e6, report.draw_ns / 1e6));
         row("splats", format!("{} of {splats}", report.visible));
         row("fragments", format!("{:.2} M, {:.1} a pixel", report.fragments as f64 / 1e6, report.layers()));
+        row(
+            "order",
+            match viewer.order_age() {
+                0 => "of this place".to_owned(),
+                age => format!("{age} frames old"),
+            },
+        );
         row("scene", format!("{:.1} MB", bytes as f64 / 1e6));
         row("device", device.to_owned());
     });

@@ -116,6 +116,8 @@ pub struct Viewer {
     gpu: Arc<Gpu>,
     /// Time that passed between the last two frames.
     passed: Duration,
+    /// Frames since the eye was where the worker's order was made for.
+    order_age: u32,
     loading: Option<Loader>,
     /// Loaders that were cancelled and have not ended yet.
     cancelled: Vec<Loader>,
@@ -144,6 +146,7 @@ impl Viewer {
             memory: None,
             gpu: gpu.clone(),
             passed: Duration::ZERO,
+            order_age: 0,
             loading: None,
             cancelled: Vec::new(),
         }
@@ -381,6 +384,11 @@ impl Viewer {
         config
     }
 
+    /// How many frames ago the eye was where the order of splats was made for; 0: it fits, or the device made it.
+    pub fn order_age(&self) -> u32 {
+        self.order_age
+    }
+
     /// Takes what a frame took that was drawn by [`Viewer::frame_config`].
     pub fn govern(&mut self, report: &FrameReport) {
         if let Some(governor) = &mut self.governor {
@@ -402,9 +410,13 @@ impl Viewer {
             if stage.sorting.newest().0.made_for.is_none() {
                 stage.sorting.wait_for(request);
             }
+            let fits = stage.sorting.newest().0.made_for.is_some_and(|made| made.center == request.center);
+            self.order_age = if fits { 0 } else { self.order_age.saturating_add(1) };
             // It is there for the next frame: made for the time that it will be then.
             let time = if stage.scene.moving { self.time.predict(self.passed) } else { request.time };
             stage.sorting.request(OrderRequest { time, ..request });
+        } else {
+            self.order_age = 0;
         }
         let Stage { scene, sequence, sorting, .. } = stage;
         let (order, _) = sorting.newest();
