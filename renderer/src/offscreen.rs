@@ -2,7 +2,7 @@
 
 use crate::gpu::{Buffer, Gpu, GpuError, Image, ImageDescription};
 use crate::order::{OrderRequest, SortBuffers, SplatOrder};
-use crate::renderer::{DrawRequest, Renderer, Stereo, Target};
+use crate::renderer::{DepthTarget, DrawRequest, Renderer, Stereo, Target};
 use crate::report::FrameReport;
 use crate::scene::SceneOnDevice;
 use crate::{RenderConfig, Sorter, View};
@@ -43,18 +43,30 @@ impl LayerMap {
     }
 }
 
+/// How far away each shown pixel is.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DepthMap {
+    /// Width and height, pixels.
+    pub size: [u32; 2],
+    /// Median depth of the splats along the view axis, scene units; infinite where they never take half of the light.
+    pub depths: Vec<f32>,
+}
+
 /// What is read back of a frame.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Read {
     Nothing,
     Picture,
     Layers,
+    Depth,
 }
 
 /// Renders pictures offscreen and waits for each.
 pub struct Offscreen {
     renderer: Renderer,
     image: Option<Image>,
+    /// Of the median depth, where it was asked for.
+    depth: Option<Image>,
     readback: Option<Buffer>,
     buffers: SortBuffers,
     order: SplatOrder,
@@ -74,6 +86,7 @@ impl Offscreen {
         Ok(Self {
             renderer: Renderer::new(gpu)?,
             image: None,
+            depth: None,
             readback: None,
             buffers: SortBuffers::default(),
             order: SplatOrder::default(),
@@ -279,6 +292,30 @@ impl Offscreen {
         Ok(whole.unwrap_or_default())
     }
 
+    /// Renders one or two views and reads the depth of their pixels back instead of the pictures.
+    ///
+    /// # Errors
+    /// As [`Offscreen::render`]; a configuration that does not [know depth](RenderConfig::knows_depth).
+    pub fn depths(
+        &mut self,
+        scene: &SceneOnDevice,
+        views: &[View],
+        config: &RenderConfig,
+    ) -> Result<(Vec<DepthMap>, FrameReport), GpuError> {
+        self.sort(scene, views, config);
+        let report = self.record(scene, views, config, Read::Depth)?;
+        let size = views.first().map_or([0, 0], |v| v.size);
+        let count = ((size[0] * size[1]) as usize).max(1);
+        let bytes = self.readback.as_ref().map(Buffer::mapped).unwrap_or_default();
+        let depth = |p: &[u8]| config.near / f32::from_le_bytes([p[0], p[1], p[2], p[3]]);
+        let maps = bytes
+            .chunks_exact(4 * count)
+            .take(views.len())
+            .map(|layer| DepthMap { size, depths: layer.chunks_exact(4).map(depth).collect() })
+            .collect();
+        Ok((maps, report))
+    }
+
     fn layers_of_part(
         &mut self,
         scene: &SceneOnDevice,
@@ -331,6 +368,7 @@ impl Offscreen {
         if self.image.as_ref().is_none_or(|i| i.description() != description) {
             self.renderer.forget_targets()?;
             self.image = None;
+            self.depth = None;
             self.readback = None;
             self.image = Some(Image::new(&gpu, "picture", description)?);
             let bytes = 4 * u64::from(first.size[0]) * u64::from(first.size[1]) * views.len() as u64;
@@ -342,6 +380,13 @@ impl Offscreen {
                 MemoryLocation::GpuToCpu,
             )?);
         }
+        if read == Read::Depth && self.depth.is_none() {
+            let format = vk::Format::D32_SFLOAT;
+            let usage = vk::ImageUsageFlags::DEPTH_STENCIL_ATTACHMENT | vk::ImageUsageFlags::TRANSFER_SRC;
+            let aspect = vk::ImageAspectFlags::DEPTH;
+            self.depth =
+                Some(Image::new(&gpu, "depth", ImageDescription { format, usage, aspect, ..description })?);
+        }
         let (Some(image), Some(readback)) = (&self.image, &self.readback) else {
             return Err(GpuError::NoDevice("no image to draw into".into()));
         };
@@ -352,6 +397,13 @@ impl Offscreen {
             size: first.size,
             layout: vk::ImageLayout::TRANSFER_SRC_OPTIMAL,
             background_alpha: 1.0,
+            depth: self.depth.as_ref().filter(|_| read == Read::Depth).map(|depth| DepthTarget {
+                all: depth.view(),
+                layers: [depth.layer_view(0), depth.layer_view(1)],
+                format: depth.description().format,
+                size: first.size,
+                layout: vk::ImageLayout::TRANSFER_SRC_OPTIMAL,
+            }),
         };
         let stereo = self.stereo_for(config);
         let frame = self.renderer.begin()?;
@@ -363,12 +415,13 @@ impl Offscreen {
             Read::Nothing => None,
             Read::Picture => Some(image),
             Read::Layers => self.renderer.layer_counts(),
+            Read::Depth => self.depth.as_ref(),
         };
         if let Some(source) = source {
             let read_size = source.description().size;
             let copy = vk::BufferImageCopy {
                 image_subresource: vk::ImageSubresourceLayers {
-                    aspect_mask: vk::ImageAspectFlags::COLOR,
+                    aspect_mask: source.description().aspect,
                     mip_level: 0,
                     base_array_layer: 0,
                     layer_count: views.len() as u32,

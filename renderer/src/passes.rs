@@ -2,6 +2,7 @@
 
 use crate::gpu::{Gpu, GpuError};
 use crate::pipeline_cache::{self, Kept};
+use crate::shader::{Module, specialization_entries};
 use ash::vk;
 use motes_shaders::layout::Specialization;
 use motes_shaders::modules;
@@ -24,8 +25,10 @@ pub(crate) struct PassKey {
     pub view_mask: u32,
     /// Whether saturated pixels are marked in a depth attachment.
     pub early_stop: bool,
-    /// Whether layers are counted into a further attachment.
+    /// Whether layers are counted into a second colour attachment.
     pub count: bool,
+    /// Whether a second colour attachment follows the light for the median depth (early stop; not with counts).
+    pub median: bool,
     /// Whether splats are opaque or absent, and a depth attachment finds the nearest.
     pub stochastic: bool,
 }
@@ -38,6 +41,20 @@ impl PassKey {
             (false, true) => Some(MARK_FORMAT),
             (false, false) => None,
         }
+    }
+
+    /// The layout that a second colour attachment is left in, of [`SECOND_FORMAT`]; none where there is none.
+    pub fn second(self) -> Option<vk::ImageLayout> {
+        match (self.count, self.median) {
+            (true, _) => Some(vk::ImageLayout::TRANSFER_SRC_OPTIMAL),
+            (false, true) => Some(vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL),
+            (false, false) => None,
+        }
+    }
+
+    /// Colour attachments that splats are drawn with.
+    pub fn colours(self) -> usize {
+        1 + usize::from(self.second().is_some())
     }
 }
 
@@ -81,8 +98,9 @@ pub(crate) const MARK_FORMAT: vk::Format = vk::Format::D16_UNORM;
 /// Format of the distances of stochastic transparency.
 pub(crate) const DISTANCE_FORMAT: vk::Format = vk::Format::D32_SFLOAT;
 
-/// Format of the layer counts: shaded, and of those the ones that reach 1/255. Whole numbers are exact up to 2048.
-pub(crate) const COUNT_FORMAT: vk::Format = vk::Format::R16G16_SFLOAT;
+/// Format of layer counts: shaded, and of those the ones that reach 1/255 (whole numbers are exact up to 2048); and of
+/// what leads to the median depth.
+pub(crate) const SECOND_FORMAT: vk::Format = vk::Format::R16G16_SFLOAT;
 
 /// Everything that is made once and looked up by key.
 pub(crate) struct Passes {
@@ -247,19 +265,13 @@ impl Passes {
                 vk::AttachmentLoadOp::CLEAR,
             ));
         }
-        let counts = vk::AttachmentReference {
-            attachment: attachments.len() as u32,
-            layout: vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL,
-        };
-        if key.count {
-            let kept = vk::ImageLayout::TRANSFER_SRC_OPTIMAL;
-            attachments.push(
-                transient(COUNT_FORMAT, kept, vk::AttachmentLoadOp::CLEAR)
-                    .store_op(vk::AttachmentStoreOp::STORE),
-            );
+        let second_at = attachments.len() as u32;
+        if let Some(kept) = key.second() {
+            attachments.push(stored(transient(SECOND_FORMAT, kept, vk::AttachmentLoadOp::CLEAR)));
         }
-        let blended = [vk::AttachmentReference { attachment: 0, layout: blended_layout }];
-        let drawn = [blended[0], counts];
+        let drawn = [0, second_at].map(|attachment| {
+            vk::AttachmentReference { attachment, layout: blended_layout }
+        });
         let blended_read =
             [vk::AttachmentReference { attachment: 0, layout: vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL }];
         let output =
@@ -270,17 +282,19 @@ impl Passes {
         };
         let mut splats = vk::SubpassDescription::default()
             .pipeline_bind_point(vk::PipelineBindPoint::GRAPHICS)
-            .color_attachments(&drawn[..if key.count { 2 } else { 1 }]);
+            .color_attachments(&drawn[..key.colours()]);
         if key.depth_format().is_some() {
             splats = splats.depth_stencil_attachment(&marks);
         }
         if key.early_stop {
-            splats = splats.input_attachments(&blended);
+            splats = splats.input_attachments(&drawn[..1 + usize::from(key.median)]);
         }
+        let kept = [second_at];
         let resolve = vk::SubpassDescription::default()
             .pipeline_bind_point(vk::PipelineBindPoint::GRAPHICS)
             .input_attachments(&blended_read)
-            .color_attachments(&output);
+            .color_attachments(&output)
+            .preserve_attachments(&kept[..key.colours() - 1]);
         let subpasses = [splats, resolve];
         let subpasses = &subpasses[..if key.output.is_some() { 2 } else { 1 }];
         let by_region = if key.view_mask == 0 {
@@ -351,15 +365,15 @@ impl Passes {
                     .dependency_flags(by_region),
             );
         }
-        if key.count {
+        if key.second().is_some() {
             dependencies.push(
                 vk::SubpassDependency::default()
                     .src_subpass(0)
                     .dst_subpass(vk::SUBPASS_EXTERNAL)
                     .src_stage_mask(vk::PipelineStageFlags::COLOR_ATTACHMENT_OUTPUT)
-                    .dst_stage_mask(vk::PipelineStageFlags::TRANSFER)
+                    .dst_stage_mask(vk::PipelineStageFlags::TRANSFER | vk::PipelineStageFlags::FRAGMENT_SHADER)
                     .src_access_mask(vk::AccessFlags::COLOR_ATTACHMENT_WRITE)
-                    .dst_access_mask(vk::AccessFlags::TRANSFER_READ),
+                    .dst_access_mask(vk::AccessFlags::TRANSFER_READ | vk::AccessFlags::SHADER_READ),
             );
         }
         let masks = [key.view_mask; 2];
@@ -586,20 +600,19 @@ impl Passes {
             .line_width(1.0);
         let samples = vk::PipelineMultisampleStateCreateInfo::default()
             .rasterization_samples(vk::SampleCountFlags::TYPE_1);
-        // Counts add up, and only splats count.
+        // Counts add up, and only splats count. (What follows the median depth has a pipeline of its own.)
         let counting = vk::PipelineColorBlendAttachmentState::default()
             .blend_enable(true)
             .src_color_blend_factor(vk::BlendFactor::ONE)
             .dst_color_blend_factor(vk::BlendFactor::ONE)
-            .color_write_mask(if blend.blend_enable == vk::TRUE {
+            .color_write_mask(if pass.count && blend.blend_enable == vk::TRUE {
                 vk::ColorComponentFlags::RGBA
             } else {
                 vk::ColorComponentFlags::empty()
             });
         let blends = [*blend, counting];
-        let counts = pass.count && subpass == 0;
         let blending = vk::PipelineColorBlendStateCreateInfo::default()
-            .attachments(&blends[..if counts { 2 } else { 1 }]);
+            .attachments(&blends[..if subpass == 0 { pass.colours() } else { 1 }]);
         let dynamic = [vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR];
         let dynamic = vk::PipelineDynamicStateCreateInfo::default().dynamic_states(&dynamic);
         let info = vk::GraphicsPipelineCreateInfo::default()
@@ -623,38 +636,6 @@ impl Passes {
 
 /// `COMPOSITE_BACK_TO_FRONT` of the shaders.
 pub(crate) const COMPOSITE_BACK_TO_FRONT: u32 = 1;
-
-fn specialization_entries() -> Vec<vk::SpecializationMapEntry> {
-    (0..(size_of::<Specialization>() / 4) as u32)
-        .map(|i| vk::SpecializationMapEntry { constant_id: i, offset: 4 * i, size: 4 })
-        .collect()
-}
-
-/// A shader module that lives while a pipeline is made.
-pub(crate) struct Module {
-    gpu: Arc<Gpu>,
-    raw: vk::ShaderModule,
-}
-
-impl Module {
-    pub fn new(gpu: &Arc<Gpu>, code: &[u32]) -> Result<Self, GpuError> {
-        let info = vk::ShaderModuleCreateInfo::default().code(code);
-        // SAFETY: the code is SPIR-V, compiled at build time.
-        let raw = call(unsafe { gpu.device().create_shader_module(&info, None) }, "vkCreateShaderModule")?;
-        Ok(Self { gpu: gpu.clone(), raw })
-    }
-
-    pub fn stage(&self, stage: vk::ShaderStageFlags) -> vk::PipelineShaderStageCreateInfo<'static> {
-        vk::PipelineShaderStageCreateInfo::default().stage(stage).module(self.raw).name(c"main")
-    }
-}
-
-impl Drop for Module {
-    fn drop(&mut self) {
-        // SAFETY: pipelines keep what they need of a module.
-        unsafe { self.gpu.device().destroy_shader_module(self.raw, None) };
-    }
-}
 
 impl Drop for Passes {
     fn drop(&mut self) {

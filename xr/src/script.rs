@@ -447,6 +447,7 @@ impl Headset for ScriptedHeadset {
             size: self.script.images.size,
             layout: vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL,
             background_alpha: if self.transparent { 0.0 } else { 1.0 },
+            depth: None,
         })
     }
 

@@ -5,7 +5,7 @@ use super::upscale::Reduction;
 use super::{Attachments, DrawRequest, Framebuffer, FramebufferKey, Renderer, call};
 use crate::config::Expansion;
 use crate::gpu::{Buffer, GpuError, Image, ImageDescription};
-use crate::passes::{COUNT_FORMAT, FullScreen, PUSH_BYTES, PassKey, Stages};
+use crate::passes::{FullScreen, PUSH_BYTES, PassKey, SECOND_FORMAT, Stages};
 use ash::vk;
 use gpu_allocator::MemoryLocation;
 use motes_shaders::layout::{Draw, MarkDraw, Plan, QUADS_PER_INSTANCE, Specialization};
@@ -47,7 +47,9 @@ impl Renderer {
         let hidden = self.hidden.pipeline(&mut self.passes, pass)?;
         let render_pass = self.passes.pass(pass)?;
         let output = layer.map_or(target.all, |l| target.layers[l]);
-        let (framebuffer, blended_view) = self.framebuffer(render_pass, pass, output, rendered)?;
+        let (framebuffer, [blended_view, second_view]) =
+            self.framebuffer(render_pass, pass, output, rendered)?;
+        let follow = self.follow_median(slot, pass, specialization, [blended_view, second_view])?;
         let read_layout = vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL;
         let mark_layout = vk::ImageLayout::GENERAL;
         let input_sets = [
@@ -65,7 +67,7 @@ impl Renderer {
             min_depth: 0.0,
             max_depth: 1.0,
         };
-        // Colours first (the blended image, and the output where it has one), then depth, then counts.
+        // Colours first (the blended image, and the output where it has one), then depth, then the second one's.
         let colours = if pass.output.is_some() { 2 } else { 1 };
         let has_depth = pass.depth_format().is_some();
         let mut clear = [vk::ClearValue::default(); 4];
@@ -73,7 +75,7 @@ impl Renderer {
             let depth = if pass.stochastic { 0.0 } else { 1.0 };
             clear[colours].depth_stencil = vk::ClearDepthStencilValue { depth, stencil: 0 };
         }
-        let clear = &clear[..colours + usize::from(has_depth) + usize::from(pass.count)];
+        let clear = &clear[..colours + usize::from(has_depth) + pass.colours() - 1];
         let begin = vk::RenderPassBeginInfo::default()
             .render_pass(render_pass)
             .framebuffer(framebuffer)
@@ -91,7 +93,8 @@ impl Renderer {
         let view = if request.views.len() == 1 { 0 } else { layer_index };
         let marks = if pass.early_stop { batches - 1 } else { 0 };
         let report = &mut self.slots[slot].report;
-        report.draws += batches + marks + u32::from(resolve.is_some()) + u32::from(hidden.is_some());
+        let follows = if follow.is_some() { batches } else { 0 };
+        report.draws += batches + marks + follows + u32::from(resolve.is_some()) + u32::from(hidden.is_some());
         report.passes += 1;
         // SAFETY: every handle is alive until the frame is done; the records and draws were written before.
         unsafe {
@@ -130,10 +133,14 @@ impl Renderer {
                     Expansion::Geometry => device.cmd_draw(commands, last - first, 1, 0, 0),
                 }
                 self.slots[slot].queries.end_statistics(commands, counted);
-                if let Some(mark) = mark
-                    && batch + 1 < batches
-                {
+                let mark = mark.filter(|_| batch + 1 < batches);
+                if mark.is_some() || follow.is_some() {
                     self.passes.blended_to_marks(commands, pass);
+                }
+                if let Some(follow) = follow {
+                    self.record_follow(commands, follow);
+                }
+                if let Some(mark) = mark {
                     device.cmd_bind_descriptor_sets(commands, graphics, layout, 3, &input_sets[..1], &[]);
                     device.cmd_bind_pipeline(commands, graphics, mark);
                     if due {
@@ -168,14 +175,14 @@ impl Renderer {
         Ok(())
     }
 
-    /// The framebuffer for an output, and the blended image's view in it.
+    /// The framebuffer for an output, and the views of the blended and the second image in it.
     pub(super) fn framebuffer(
         &mut self,
         render_pass: vk::RenderPass,
         pass: PassKey,
         output: vk::ImageView,
         size: [u32; 2],
-    ) -> Result<(vk::Framebuffer, vk::ImageView), GpuError> {
+    ) -> Result<(vk::Framebuffer, [vk::ImageView; 2]), GpuError> {
         let layers = if pass.view_mask == 0 { 1 } else { 2 };
         let description = ImageDescription {
             format: pass.blended,
@@ -190,12 +197,22 @@ impl Renderer {
                 },
             aspect: vk::ImageAspectFlags::COLOR,
         };
+        let second = pass.second().map(|_| ImageDescription {
+            format: SECOND_FORMAT,
+            usage: vk::ImageUsageFlags::COLOR_ATTACHMENT
+                | if pass.median {
+                    vk::ImageUsageFlags::INPUT_ATTACHMENT | vk::ImageUsageFlags::SAMPLED
+                } else {
+                    vk::ImageUsageFlags::TRANSFER_SRC
+                },
+            ..description
+        });
         let fits = self.attachments.as_ref().is_some_and(|a| {
             a.blended.description() == description
                 && pass
                     .depth_format()
                     .is_none_or(|f| a.marks.as_ref().is_some_and(|m| m.description().format == f))
-                && (a.counts.is_some() || !pass.count)
+                && second.is_none_or(|wanted| a.second.as_ref().is_some_and(|s| s.description() == wanted))
         });
         if !fits {
             self.forget_targets()?;
@@ -211,28 +228,24 @@ impl Renderer {
                 Some(_) => Some(Image::new(&self.gpu, "marks or distances", marks)?),
                 None => None,
             };
-            let counts = ImageDescription {
-                format: COUNT_FORMAT,
-                usage: vk::ImageUsageFlags::COLOR_ATTACHMENT | vk::ImageUsageFlags::TRANSFER_SRC,
-                ..description
-            };
-            let counts = if pass.count { Some(Image::new(&self.gpu, "layer counts", counts)?) } else { None };
-            self.attachments = Some(Attachments { blended, marks, counts });
+            let second = second.map(|d| Image::new(&self.gpu, "layer counts or median", d)).transpose()?;
+            self.attachments = Some(Attachments { blended, marks, second });
         }
-        let Some(Attachments { blended, marks, counts }) = &self.attachments else {
+        let Some(Attachments { blended, marks, second }) = &self.attachments else {
             return Err(GpuError::NoDevice("no image to blend into".into()));
         };
+        let views = [blended.view(), second.as_ref().map_or(vk::ImageView::null(), Image::view)];
         let key = FramebufferKey { pass: render_pass, output, size };
         if let Some(framebuffer) = self.framebuffers.get(&key) {
-            return Ok((framebuffer.raw, blended.view()));
+            return Ok((framebuffer.raw, views));
         }
         let mut attachments = vec![blended.view()];
         attachments.extend(pass.output.map(|_| output));
         if let (Some(marks), Some(_)) = (marks, pass.depth_format()) {
             attachments.push(marks.view());
         }
-        if let (Some(counts), true) = (counts, pass.count) {
-            attachments.push(counts.view());
+        if pass.second().is_some() {
+            attachments.push(views[1]);
         }
         let info = vk::FramebufferCreateInfo::default()
             .render_pass(render_pass)
@@ -243,7 +256,7 @@ impl Renderer {
         // SAFETY: pass and views are alive.
         let raw = call(unsafe { self.gpu.device().create_framebuffer(&info, None) }, "vkCreateFramebuffer")?;
         self.framebuffers.insert(key, Framebuffer { raw });
-        Ok((raw, blended.view()))
+        Ok((raw, views))
     }
 
     /// Indices of one instance: every polygon as a strip that zigzags from corner 0.

@@ -8,7 +8,15 @@ use motes_shaders::layout::FrameData;
 
 impl Renderer {
     pub(super) fn allocate_set(&self, slot: usize, set: usize) -> Result<vk::DescriptorSet, GpuError> {
-        let layouts = [self.passes.set_layouts[set]];
+        self.allocate_set_of(slot, self.passes.set_layouts[set])
+    }
+
+    pub(super) fn allocate_set_of(
+        &self,
+        slot: usize,
+        layout: vk::DescriptorSetLayout,
+    ) -> Result<vk::DescriptorSet, GpuError> {
+        let layouts = [layout];
         let info = vk::DescriptorSetAllocateInfo::default()
             .descriptor_pool(self.slots[slot].descriptors)
             .set_layouts(&layouts);

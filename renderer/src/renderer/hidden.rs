@@ -6,7 +6,8 @@
 
 use super::{Renderer, call};
 use crate::gpu::{Buffer, Gpu, GpuError};
-use crate::passes::{Module, PassKey, Passes};
+use crate::passes::{PassKey, Passes};
+use crate::shader::Module;
 use ash::vk;
 use gpu_allocator::MemoryLocation;
 use motes_shaders::modules;
@@ -142,8 +143,7 @@ fn make(gpu: &Arc<Gpu>, passes: &mut Passes, pass: PassKey) -> Result<vk::Pipeli
         .depth_compare_op(vk::CompareOp::ALWAYS);
     // No colour is written.
     let blends = [vk::PipelineColorBlendAttachmentState::default(); 2];
-    let colours = if pass.count { 2 } else { 1 };
-    let blending = vk::PipelineColorBlendStateCreateInfo::default().attachments(&blends[..colours]);
+    let blending = vk::PipelineColorBlendStateCreateInfo::default().attachments(&blends[..pass.colours()]);
     let dynamic = [vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR];
     let dynamic = vk::PipelineDynamicStateCreateInfo::default().dynamic_states(&dynamic);
     let info = vk::GraphicsPipelineCreateInfo::default()

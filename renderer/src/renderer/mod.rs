@@ -4,6 +4,7 @@ mod blend;
 mod descriptors;
 mod frame_data;
 mod hidden;
+mod median;
 mod order;
 mod part_list;
 mod prepare;
@@ -26,6 +27,7 @@ use ash::vk;
 use frame_data::{blended_format, frame_data, specialization};
 use gpu_allocator::MemoryLocation;
 use hidden::Hidden;
+use median::Median;
 use motes_shaders::layout::FrameData;
 use prepare::PREPARATION_DISPATCHES;
 use std::collections::HashMap;
@@ -58,6 +60,25 @@ pub struct Target {
     pub layout: vk::ImageLayout,
     /// Opacity of the background: 1, or 0 where something is shown behind (passthrough).
     pub background_alpha: f32,
+    /// Where the pixels' depth goes too; frames that do not [know it](RenderConfig::knows_depth) are refused then.
+    pub depth: Option<DepthTarget>,
+}
+
+/// A depth image to write into: an array of as many layers as views, owned by the caller. A pixel becomes
+/// [`RenderConfig::near`] over the median depth of its splats, the eye depth at which they have taken half of its light: 1
+/// is near, 0 infinitely far, or that they never do.
+#[derive(Clone, Copy, Debug)]
+pub struct DepthTarget {
+    /// A view of all layers, as a 2-D array where there are two.
+    pub all: vk::ImageView,
+    /// A view of each layer; the second is unused in mono.
+    pub layers: [vk::ImageView; 2],
+    /// A format of depth alone.
+    pub format: vk::Format,
+    /// Width and height, pixels.
+    pub size: [u32; 2],
+    /// Layout it is left in.
+    pub layout: vk::ImageLayout,
 }
 
 /// How stereo is drawn.
@@ -134,8 +155,8 @@ struct Attachments {
     blended: Image,
     /// Early stop's.
     marks: Option<Image>,
-    /// Layers per pixel, where they are counted.
-    counts: Option<Image>,
+    /// Layers per pixel, where they are counted, or what leads to the median depth.
+    second: Option<Image>,
 }
 
 /// Draws scenes. One for a device and thread.
@@ -158,6 +179,7 @@ pub struct Renderer {
     framebuffers: HashMap<FramebufferKey, Framebuffer>,
     background: [f32; 3],
     hidden: Hidden,
+    median: Median,
     upscaler: Upscaler,
     /// Of the newest frame that is done.
     finished: FrameReport,
@@ -185,6 +207,7 @@ impl Renderer {
             framebuffers: HashMap::new(),
             background: [0.0; 3],
             hidden: Hidden::new(gpu),
+            median: Median::new(gpu),
             upscaler: Upscaler::new(gpu)?,
             finished: FrameReport::default(),
         };
@@ -208,7 +231,7 @@ impl Renderer {
         let sizes = [
             vk::DescriptorPoolSize { ty: vk::DescriptorType::UNIFORM_BUFFER, descriptor_count: 8 },
             vk::DescriptorPoolSize { ty: vk::DescriptorType::STORAGE_BUFFER, descriptor_count: 128 },
-            vk::DescriptorPoolSize { ty: vk::DescriptorType::INPUT_ATTACHMENT, descriptor_count: 8 },
+            vk::DescriptorPoolSize { ty: vk::DescriptorType::INPUT_ATTACHMENT, descriptor_count: 16 },
             vk::DescriptorPoolSize { ty: vk::DescriptorType::COMBINED_IMAGE_SAMPLER, descriptor_count: 16 },
         ];
         let info = vk::DescriptorPoolCreateInfo::default().max_sets(32).pool_sizes(&sizes);
@@ -383,7 +406,7 @@ impl Renderer {
 
     /// The layer counts of the last frame (16-bit floats: shaded, blended; one layer a view), left for copies.
     pub(crate) fn layer_counts(&self) -> Option<&Image> {
-        self.attachments.as_ref().and_then(|a| a.counts.as_ref())
+        self.attachments.as_ref().and_then(|a| a.second.as_ref())
     }
 
     /// Forgets framebuffers that refer to the caller's images. To be called before those are destroyed.
@@ -393,6 +416,7 @@ impl Renderer {
     pub fn forget_targets(&mut self) -> Result<(), GpuError> {
         self.gpu.wait_idle()?;
         self.upscaler.forget_framebuffers();
+        self.median.forget_framebuffers();
         for (_, framebuffer) in self.framebuffers.drain() {
             // SAFETY: the device is idle.
             unsafe { self.gpu.device().destroy_framebuffer(framebuffer.raw, None) };
@@ -430,6 +454,11 @@ impl Renderer {
         }
         if self.count_layers && config.sorter == Sorter::Stochastic {
             let reason = "sort stochastic blends no layers that could be counted";
+            return Err(GpuError::Config(crate::ConfigError(reason.into())));
+        }
+        if target.depth.is_some() && (self.count_layers || !config.knows_depth()) {
+            let reason = "depth is known to frames of composite early-stop and expansion precomputed, sorted, through lens \
+                          perspective, and where layers are not counted; leave the depth image away";
             return Err(GpuError::Config(crate::ConfigError(reason.into())));
         }
         self.write_parts(frame.slot, request.scene)?;
@@ -506,6 +535,7 @@ impl Renderer {
                 early_stop,
                 stochastic: config.sorter == Sorter::Stochastic,
                 count: self.count_layers,
+                median: target.depth.is_some(),
             };
             self.record_pass(
                 frame.slot,
@@ -519,6 +549,7 @@ impl Renderer {
                 &sets,
                 reduction,
             )?;
+            self.record_depth(frame.slot, request, pass, layer)?;
         }
         if let Some(workspace) = &mut self.workspace
             && config.expansion == Expansion::Precomputed

@@ -5,8 +5,9 @@ use super::{DrawRequest, Renderer, call};
 use crate::config::{RenderConfig, Sorter, Upscale};
 use crate::gpu::{Gpu, GpuError, Image, ImageDescription};
 use crate::order::Positions;
-use crate::passes::{Module, PUSH_BYTES};
+use crate::passes::PUSH_BYTES;
 use crate::resolution::{Resolution, Sampling};
+use crate::shader::Module;
 use crate::view::View;
 use ash::vk;
 use glam::{DMat3, DVec3};
@@ -152,6 +153,11 @@ impl Upscaler {
             step: 0,
             average_samples: false,
         })
+    }
+
+    /// A sampler that clamps to the edge.
+    pub fn sampler(&self) -> vk::Sampler {
+        self.sampler
     }
 
     /// Whether random samples are averaged over frames.

@@ -215,6 +215,7 @@ impl Rig {
             size,
             layout: vk::ImageLayout::TRANSFER_SRC_OPTIMAL,
             background_alpha: 1.0,
+            depth: None,
         };
         let frame = self.renderer.begin()?;
         let drawn =

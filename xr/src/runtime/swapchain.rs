@@ -155,6 +155,7 @@ impl Images {
             size: self.size,
             layout: vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL,
             background_alpha: 1.0,
+            depth: None,
         })
     }
 
