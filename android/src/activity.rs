@@ -70,7 +70,11 @@ fn visit(app: &AndroidApp) -> Result<Visit, ShowError> {
             whole_images: false,
         },
         config: RenderConfig { resolution_scale: 1.0, ..config },
-        runtime: RuntimeOptions::default(),
+        runtime: RuntimeOptions {
+            depth_layer: settings.depth_layer,
+            foveation: settings.foveation,
+            ..RuntimeOptions::default()
+        },
         record: None,
         frames: 0,
         patience: Duration::from_secs(60),

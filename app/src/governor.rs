@@ -4,7 +4,8 @@
 //! What a frame takes is known from what the device itself adds up before it draws ([`FrameReport::predicted_unhidden`]:
 //! areas of all polygons, less what early stop is predicted to hide), so that it is the same on every machine and every
 //! run. The governor answers with a ladder of small steps, in this order: early stop at a higher transmittance, a
-//! threshold on a splat's contribution, a cap on radii, the resolution. Each changes pictures more than the one before.
+//! threshold on a splat's contribution, a cap on radii, foveation where a headset offers it, the resolution. Each changes
+//! pictures more than the one before.
 //! A scene with levels of detail ([`crate::lod`]) lowers its target with every step.
 //!
 //! It does not swing. A frame over the budget moves it up; it comes down only where the step below is expected to fit
@@ -21,6 +22,12 @@ use motes_renderer::{
 use serde::{Deserialize, Serialize};
 
 use crate::prediction::{FrameLoad, StageRates};
+
+mod foveation;
+
+pub use foveation::Foveation;
+
+use foveation::Effect;
 
 /// What a frame may take.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -117,6 +124,9 @@ pub enum Step {
     Contribution(f32),
     /// Radii are capped at this fraction of the larger image side.
     Radius(f32),
+    /// How coarse a headset draws the rims of its images. Taken where it offers that and the device's timers tell what it
+    /// saves.
+    Foveation(Foveation),
     /// The rendered image's side over the shown one's.
     Resolution(f32),
 }
@@ -140,6 +150,9 @@ pub const LADDER: &[Step] = &[
     Step::Radius(0.12),
     Step::Radius(0.09),
     Step::Radius(0.06),
+    Step::Foveation(Foveation::Low),
+    Step::Foveation(Foveation::Medium),
+    Step::Foveation(Foveation::High),
     Step::Resolution(0.95),
     Step::Resolution(0.9),
     Step::Resolution(0.85),
@@ -165,6 +178,8 @@ impl Step {
             }
             Self::Contribution(least) => config.min_contribution = config.min_contribution.max(least),
             Self::Radius(most) => config.max_radius = config.max_radius.min(most),
+            // The headset's matter.
+            Self::Foveation(_) => {}
             Self::Resolution(_) if stochastic || config.lens != Lens::Perspective => {}
             Self::Resolution(most) => config.resolution_scale = config.resolution_scale.min(most),
         }
@@ -177,6 +192,7 @@ impl fmt::Display for Step {
             Self::EarlyStop(below) => write!(f, "early stop at 1/{:.0}", 1.0 / below),
             Self::Contribution(least) => write!(f, "no splats below {least} px"),
             Self::Radius(most) => write!(f, "radii up to {:.0} % of the image", 100.0 * most),
+            Self::Foveation(level) => write!(f, "foveation {level}"),
             Self::Resolution(most) => write!(f, "resolution {:.0} %", 100.0 * most),
         }
     }
@@ -246,6 +262,8 @@ pub struct Governor {
     savings: [Option<Saving>; LADDER.len() + 1],
     /// The last step does not suffice, and that was said.
     beyond: bool,
+    /// What foveation saves; none where it cannot be had.
+    foveation: Option<Effect>,
 }
 
 impl Governor {
@@ -267,6 +285,7 @@ impl Governor {
             before: None,
             savings: [None; LADDER.len() + 1],
             beyond: false,
+            foveation: None,
         }
     }
 
@@ -278,7 +297,8 @@ impl Governor {
     /// Another budget. The step in force stays, and moves from there.
     pub fn set_budget(&mut self, budget: Budget) {
         if self.budget != budget {
-            *self = Self { level: self.level, ..Self::tuned(budget, self.tuning) };
+            let foveation = self.foveation.take();
+            *self = Self { level: self.level, foveation, ..Self::tuned(budget, self.tuning) };
         }
     }
 
@@ -290,6 +310,22 @@ impl Governor {
     /// The step in force; `None` where everything is as it was asked for.
     pub fn step(&self) -> Option<Step> {
         self.level.checked_sub(1).and_then(|i| LADDER.get(i).copied())
+    }
+
+    /// Says whether the headset lets its foveation be set.
+    pub fn offer_foveation(&mut self, offered: bool) {
+        if offered != self.foveation.is_some() {
+            self.foveation = offered.then(Effect::default);
+        }
+    }
+
+    /// The foveation by the step in force.
+    pub fn foveation(&self) -> Foveation {
+        if self.foveation.as_ref().is_some_and(Effect::known) {
+            foveation_at(self.level)
+        } else {
+            Foveation::None
+        }
     }
 
     /// What the newest frame took, in the budget's unit.
@@ -307,6 +343,15 @@ impl Governor {
         self.since > self.tuning.settle && self.over == 0 && self.under == 0
     }
 
+    /// The step in force in words, with the foveation that a step before it has set.
+    pub fn in_words(&self) -> String {
+        let step = self.step().map_or("as asked for".to_owned(), |step| step.to_string());
+        match (self.step(), self.foveation()) {
+            (Some(Step::Foveation(_)), _) | (_, Foveation::None) => step,
+            (_, foveation) => format!("{step}, foveation {foveation}"),
+        }
+    }
+
     /// The configuration by the step in force.
     pub fn apply(&self, config: &RenderConfig) -> RenderConfig {
         at_level(config, self.level)
@@ -315,7 +360,10 @@ impl Governor {
     /// Takes what a frame took that was drawn by [`Governor::apply`] of this configuration. Says what it changes, in the
     /// log too.
     pub fn observe(&mut self, report: &FrameReport, config: &RenderConfig) -> Option<Change> {
-        let cost = self.budget.cost(report, config)?;
+        let settled = self.since >= self.tuning.settle;
+        let level = self.foveation();
+        let share = self.foveation.as_mut().map_or(1.0, |effect| effect.observe(report, level, settled));
+        let cost = self.budget.cost(report, config)? * share;
         let change = self.observe_cost(cost, config);
         if let Some(change) = change {
             let step = self.step().map_or("drawn as asked for".to_owned(), |s| s.to_string());
@@ -404,20 +452,24 @@ impl Governor {
 
     /// The next level that changes anything; the same where there is none.
     fn next_level(&self, config: &RenderConfig) -> usize {
-        let now = at_level(config, self.level);
-        (self.level + 1..=LADDER.len()).find(|&l| at_level(config, l) != now).unwrap_or(self.level)
+        (self.level + 1..=LADDER.len()).find(|&l| !self.same(config, l, self.level)).unwrap_or(self.level)
     }
 
     /// The highest level below that changes anything: 0 where all below are the same.
     fn level_below(&self, config: &RenderConfig) -> usize {
-        let now = at_level(config, self.level);
-        let Some(mut level) = (0..self.level).rev().find(|&l| at_level(config, l) != now) else { return 0 };
+        let differs = |l: &usize| !self.same(config, *l, self.level);
+        let Some(mut level) = (0..self.level).rev().find(differs) else { return 0 };
         // Of levels that mean the same, the first has the savings.
-        let below = at_level(config, level);
-        while level > 0 && at_level(config, level - 1) == below {
+        while level > 0 && self.same(config, level - 1, level) {
             level -= 1;
         }
         level
+    }
+
+    /// Whether two levels mean the same.
+    fn same(&self, config: &RenderConfig, a: usize, b: usize) -> bool {
+        let foveated = self.foveation.as_ref().is_some_and(Effect::known);
+        at_level(config, a) == at_level(config, b) && !(foveated && foveation_at(a) != foveation_at(b))
     }
 }
 
@@ -427,6 +479,12 @@ fn at_level(config: &RenderConfig, level: usize) -> RenderConfig {
         step.apply(&mut config);
     }
     config
+}
+
+fn foveation_at(level: usize) -> Foveation {
+    let steps = LADDER.iter().take(level).rev();
+    let levels = steps.filter_map(|step| if let Step::Foveation(level) = step { Some(*level) } else { None });
+    levels.into_iter().next().unwrap_or_default()
 }
 
 #[cfg(test)]

@@ -210,7 +210,7 @@ fn budget(ui: &mut Ui, governor: &mut Option<Governor>) {
         }
     });
     let Some(governor) = governor else { return };
-    let step = governor.step().map_or("as asked for".to_owned(), |step| step.to_string());
+    let step = governor.in_words();
     ui.label(format!("{:.1} taken; step {} of {}: {step}", governor.cost(), governor.level(), LADDER.len()));
     if governor.is_beyond() {
         ui.colored_label(ui.visuals().warn_fg_color, "more than the last step can hold");

@@ -397,6 +397,7 @@ impl Offscreen {
             size: first.size,
             layout: vk::ImageLayout::TRANSFER_SRC_OPTIMAL,
             background_alpha: 1.0,
+            density: None,
             depth: self.depth.as_ref().filter(|_| read == Read::Depth).map(|depth| DepthTarget {
                 all: depth.view(),
                 layers: [depth.layer_view(0), depth.layer_view(1)],

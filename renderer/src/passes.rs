@@ -29,6 +29,8 @@ pub(crate) struct PassKey {
     pub count: bool,
     /// Whether a second colour attachment follows the light for the median depth (early stop; not with counts).
     pub median: bool,
+    /// Whether a fragment density map says how coarse fragments are.
+    pub density: bool,
     /// Whether splats are opaque or absent, and a depth attachment finds the nearest.
     pub stochastic: bool,
 }
@@ -269,9 +271,14 @@ impl Passes {
         if let Some(kept) = key.second() {
             attachments.push(stored(transient(SECOND_FORMAT, kept, vk::AttachmentLoadOp::CLEAR)));
         }
-        let drawn = [0, second_at].map(|attachment| {
-            vk::AttachmentReference { attachment, layout: blended_layout }
-        });
+        let density_at = attachments.len() as u32;
+        let density_layout = vk::ImageLayout::FRAGMENT_DENSITY_MAP_OPTIMAL_EXT;
+        if key.density {
+            let map = transient(vk::Format::R8G8_UNORM, density_layout, vk::AttachmentLoadOp::LOAD);
+            attachments.push(map.initial_layout(density_layout));
+        }
+        let drawn =
+            [0, second_at].map(|attachment| vk::AttachmentReference { attachment, layout: blended_layout });
         let blended_read =
             [vk::AttachmentReference { attachment: 0, layout: vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL }];
         let output =
@@ -371,7 +378,9 @@ impl Passes {
                     .src_subpass(0)
                     .dst_subpass(vk::SUBPASS_EXTERNAL)
                     .src_stage_mask(vk::PipelineStageFlags::COLOR_ATTACHMENT_OUTPUT)
-                    .dst_stage_mask(vk::PipelineStageFlags::TRANSFER | vk::PipelineStageFlags::FRAGMENT_SHADER)
+                    .dst_stage_mask(
+                        vk::PipelineStageFlags::TRANSFER | vk::PipelineStageFlags::FRAGMENT_SHADER,
+                    )
                     .src_access_mask(vk::AccessFlags::COLOR_ATTACHMENT_WRITE)
                     .dst_access_mask(vk::AccessFlags::TRANSFER_READ | vk::AccessFlags::SHADER_READ),
             );
@@ -385,6 +394,13 @@ impl Passes {
             .dependencies(&dependencies);
         if key.view_mask != 0 {
             info = info.push_next(&mut multiview);
+        }
+        let mut density =
+            vk::RenderPassFragmentDensityMapCreateInfoEXT::default().fragment_density_map_attachment(
+                vk::AttachmentReference { attachment: density_at, layout: density_layout },
+            );
+        if key.density {
+            info = info.push_next(&mut density);
         }
         // SAFETY: `info` is complete and lives until the call returns.
         let pass = call(unsafe { self.gpu.device().create_render_pass(&info, None) }, "vkCreateRenderPass")?;

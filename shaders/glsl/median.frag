@@ -1,17 +1,51 @@
 #version 460
-// Median depth: where a batch has taken more than half of a pixel's light for the first time. Within the batch the logarithm
-// of the light is taken to fall evenly with the closeness.
-#include "layout.glsl"
+// Median depth: whether the batches since the last look have taken more than half of a pixel's light for the first time, and
+// where. What is known of the pixel is the light before and after; how light falls in between is taken from the pixel's tile,
+// whose bins say what each step of the order takes there.
+#include "scene.glsl"
+#include "records.glsl"
 layout(early_fragment_tests) in;
+layout(set = 2, binding = 0, std430) readonly buffer Order { uint order[]; };
+layout(set = 2, binding = 5, std430) readonly buffer PlanBuffer { Plan plan; };
+layout(set = 2, binding = 6, std430) readonly buffer Visible { uint visible[]; };
+layout(set = 2, binding = 7, std430) readonly buffer Depths { uint depths[]; }; // bin, view, tile
 layout(input_attachment_index = 0, set = 3, binding = 0) uniform subpassInput accumulated;
 layout(input_attachment_index = 1, set = 3, binding = 1) uniform subpassInput before;
-layout(push_constant) uniform Push { uint batch; uint view; } push;
-layout(location = 0) flat in vec2 closeness;
-// Near over the median depth, 0 as long as it is not known; what was covered after this batch.
+layout(push_constant) uniform Push { uint batch; uint view; uint first; } push;
+// Near over the median depth, 0 as long as it is not known; what was covered at this look.
 layout(location = 1) out vec2 median;
 
 // The least that half floats hold without a loss of digits.
 const float LEAST = 6.2e-5;
+
+bool by_depth() { return (frame.counts.w >> 31) != 0u; }
+
+// 1 / what the order goes by, of the splat before an entry in the list of visible ones.
+float closeness_before(uint entry) {
+    uint splat = order[visible[max(entry, 1u) - 1u]];
+    vec3 mean = splat_mean(splat);
+    if (MOTION) mean = moved_mean(mean, splat, frame.filters.w);
+    vec3 d = mean - frame.sort_center.xyz;
+    return 1.0 / max(by_depth() ? dot(d, frame.views[0].rotation[2].xyz) : length(d), 1e-6);
+}
+
+// That of the place at which a part of what these bins take from a tile is taken.
+float closeness_at(uint first, uint end, uint row, float part) {
+    float total = 0.0;
+    for (uint bin = first; bin < end; bin++) total += float(depths[bin * 2u * TILES + row]);
+    float wanted = part * total;
+    for (uint bin = first; bin < end; bin++) {
+        float taken = float(depths[bin * 2u * TILES + row]);
+        if (taken > 0.0 && wanted <= taken) {
+            float begins = closeness_before(bin == 0u ? 0u : plan.bin_ends[bin - 1u]);
+            return mix(begins, closeness_before(plan.bin_ends[bin]), wanted / taken);
+        }
+        wanted -= taken;
+    }
+    // Nothing was predicted here, or rounding ate the last of it.
+    float begins = closeness_before(plan.starts[push.first]);
+    return mix(begins, closeness_before(plan.starts[push.batch + 1u]), part);
+}
 
 void main() {
     vec2 known = subpassLoad(before).rg;
@@ -19,22 +53,26 @@ void main() {
     float covered = subpassLoad(accumulated).a;
     median = vec2(0.0, covered);
     if (!(covered > 0.5)) return;
+#ifdef MULTIVIEW
+    uint eye_index = uint(gl_ViewIndex);
+#else
+    uint eye_index = push.view;
+#endif
+    ViewData view = frame.views[eye_index];
     // Halvings of the light, before and after: it crosses 1.
     vec2 halvings = -log2(max(1.0 - vec2(known.g, covered), vec2(1e-6)));
     float part = clamp((1.0 - halvings.x) / max(halvings.y - halvings.x, 1e-6), 0.0, 1.0);
-    float depth = 1.0 / mix(closeness.x, closeness.y, part);
-    bool by_depth = (frame.counts.w >> 31) != 0u;
-    if (!by_depth) {
+    vec2 place = gl_FragCoord.xy / view.image.zw;
+    uvec2 tile = min(uvec2(place * float(TILE_SIDE)), uvec2(TILE_SIDE - 1u));
+    uint row = eye_index * TILES + tile.y * TILE_SIDE + tile.x;
+    uint batches = frame.counts.y;
+    float depth = 1.0 / closeness_at(BINS * push.first / batches, BINS * (push.batch + 1u) / batches, row, part);
+    if (!by_depth()) {
         // From the distance to the point between the eyes to the depth along this eye's ray of depth 1: the far root of
         // |eye + s ray| = distance.
-#ifdef MULTIVIEW
-        ViewData view = frame.views[gl_ViewIndex];
-#else
-        ViewData view = frame.views[push.view];
-#endif
         vec3 away = view.eye.xyz - frame.sort_center.xyz;
         vec3 eye = vec3(dot(view.rotation[0].xyz, away), dot(view.rotation[1].xyz, away), dot(view.rotation[2].xyz, away));
-        vec3 ray = vec3(mix(view.tangents.xz, view.tangents.yw, gl_FragCoord.xy / view.image.zw), 1.0);
+        vec3 ray = vec3(mix(view.tangents.xz, view.tangents.yw, place), 1.0);
         float square = dot(ray, ray);
         float along = dot(eye, ray);
         float root = along * along - square * (dot(eye, eye) - depth * depth);

@@ -24,7 +24,9 @@ fn coarse() -> SessionOptions {
 }
 
 fn headset() -> (RuntimeHeadset, Viewer) {
-    let runtime = Runtime::new(&(), RuntimeOptions { validation: true, readable: false }).unwrap();
+    let runtime =
+        Runtime::new(&(), RuntimeOptions { validation: true, readable: false, ..Default::default() })
+            .unwrap();
     let headset = RuntimeHeadset::new(runtime, &coarse()).unwrap();
     let path = sample("static/fruit_drops_minimal.ply");
     let opened = Opened::load(&[path], &LoadOptions::default()).unwrap();

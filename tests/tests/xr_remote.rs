@@ -43,7 +43,9 @@ impl Session {
 
     fn open(content: impl FnOnce(&Arc<Gpu>) -> Content, read_back: bool, options: &SessionOptions) -> Self {
         let remote = RemoteControl::connect();
-        let runtime = Runtime::new(&(), RuntimeOptions { validation: true, readable: true }).unwrap();
+        let runtime =
+            Runtime::new(&(), RuntimeOptions { validation: true, readable: true, ..Default::default() })
+                .unwrap();
         let headset = RuntimeHeadset::new(runtime, options).unwrap();
         let mut viewer = Viewer::new(&headset, RenderConfig::default(), Comfort::default()).unwrap();
         viewer.read_back(&headset, read_back).unwrap();

@@ -31,7 +31,8 @@ fn content(gpu: &Arc<Gpu>) -> Content {
 
 /// A session with both validation layers, of half the runtime's resolution: the driver draws on the processor.
 fn headset() -> RuntimeHeadset {
-    let runtime = Runtime::new(&(), RuntimeOptions { validation: true, readable: true }).unwrap();
+    let runtime =
+        Runtime::new(&(), RuntimeOptions { validation: true, readable: true, ..Default::default() }).unwrap();
     let options = SessionOptions { resolution_scale: 0.5, ..Default::default() };
     RuntimeHeadset::new(runtime, &options).unwrap()
 }

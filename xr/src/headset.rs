@@ -1,10 +1,11 @@
 //! The one interface to a headset: a runtime behind it, or a recorded session.
 
 use crate::{HiddenArea, XrError};
+use motes_app::governor::Foveation;
 use motes_app::headset::{Eye, Input, Pose};
-use motes_renderer::Target;
 use motes_renderer::gpu::Gpu;
 use motes_renderer::order::OrderRequest;
+use motes_renderer::{DepthTarget, Target};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::sync::Arc;
@@ -162,6 +163,20 @@ pub trait Headset {
     /// The runtime was lost.
     fn target(&mut self) -> Result<Target, XrError>;
 
+    /// Whether the compositor wants to know how far away pixels are.
+    fn takes_depth(&self) -> bool {
+        false
+    }
+
+    /// The depth image that goes with [`target`](Self::target); none where [nobody wants it](Self::takes_depth). It is shown
+    /// with this frame, where the eyes are. `near`: what depth value 1 stands for, metres of the stage.
+    ///
+    /// # Errors
+    /// The runtime was lost.
+    fn depth(&mut self, _near: f32) -> Result<Option<DepthTarget>, XrError> {
+        Ok(None)
+    }
+
     /// The panel's image to draw into, of [`MENU_SIZE`](motes_app::headset::menu::MENU_SIZE); none where nobody would see
     /// it. It is shown from the end of the frame on.
     ///
@@ -183,6 +198,19 @@ pub trait Headset {
     /// # Errors
     /// The runtime refuses.
     fn show_surroundings(&mut self, _shown: bool) -> Result<(), XrError> {
+        Ok(())
+    }
+
+    /// How coarse the rims of the images are drawn; none where this headset does not let it be set.
+    fn foveation(&self) -> Option<Foveation> {
+        None
+    }
+
+    /// Draws the rims so, from the next image on.
+    ///
+    /// # Errors
+    /// The runtime refuses.
+    fn foveate(&mut self, _level: Foveation) -> Result<(), XrError> {
         Ok(())
     }
 

@@ -5,10 +5,11 @@
 
 use crate::{EyeImages, FrameTime, Headset, HiddenArea, Quad, SessionState, Step, XrError};
 use ash::vk;
+use motes_app::governor::Foveation;
 use motes_app::headset::{Eye, Input};
 use motes_renderer::gpu::{Gpu, Image, ImageDescription};
 use motes_renderer::order::OrderRequest;
-use motes_renderer::{KeyBits, OrderKey, Target, TimeCull};
+use motes_renderer::{DepthTarget, KeyBits, OrderKey, Target, TimeCull};
 use serde::{Deserialize, Serialize};
 use std::fs::File;
 use std::io::{BufRead, BufReader, BufWriter, Write};
@@ -345,6 +346,22 @@ impl<H: Headset> Headset for Recorder<H> {
         self.headset.show_surroundings(shown)
     }
 
+    fn takes_depth(&self) -> bool {
+        self.headset.takes_depth()
+    }
+
+    fn depth(&mut self, near: f32) -> Result<Option<DepthTarget>, XrError> {
+        self.headset.depth(near)
+    }
+
+    fn foveation(&self) -> Option<Foveation> {
+        self.headset.foveation()
+    }
+
+    fn foveate(&mut self, level: Foveation) -> Result<(), XrError> {
+        self.headset.foveate(level)
+    }
+
     fn image(&self) -> Option<vk::Image> {
         self.headset.image()
     }
@@ -448,6 +465,7 @@ impl Headset for ScriptedHeadset {
             layout: vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL,
             background_alpha: if self.transparent { 0.0 } else { 1.0 },
             depth: None,
+            density: None,
         })
     }
 

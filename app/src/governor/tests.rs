@@ -73,7 +73,8 @@ fn the_first_level_changes_nothing_and_every_further_one_something() {
     assert_eq!(at_level(&config, 0), config);
     assert_eq!(at_level(&config, 1), config);
     for level in 2..=LADDER.len() {
-        assert_ne!(at_level(&config, level), at_level(&config, level - 1), "{level}");
+        let drawn = |level| (at_level(&config, level), foveation_at(level));
+        assert_ne!(drawn(level), drawn(level - 1), "{level}");
     }
     // Nothing is asked to be drawn more exactly than it was.
     let coarse = RenderConfig {
@@ -93,7 +94,8 @@ fn the_ladder_is_in_order() {
         Step::EarlyStop(_) => 0,
         Step::Contribution(_) => 1,
         Step::Radius(_) => 2,
-        Step::Resolution(_) => 3,
+        Step::Foveation(_) => 3,
+        Step::Resolution(_) => 4,
     };
     for pair in LADDER.windows(2) {
         assert!(kind(&pair[0]) <= kind(&pair[1]), "{pair:?}");
@@ -102,6 +104,7 @@ fn the_ladder_is_in_order() {
                 a < b && b / a <= 2.1
             }
             (Step::Radius(a), Step::Radius(b)) => b < a && b / a >= 0.6,
+            (Step::Foveation(a), Step::Foveation(b)) => a < b,
             (Step::Resolution(a), Step::Resolution(b)) => b < a && a - b <= 0.061,
             _ => true,
         };
@@ -267,4 +270,80 @@ fn budgets_are_layers_or_milliseconds() {
     assert_eq!(Budget::QUEST_3.cost(&report, &instanced), None);
     let counted = FrameReport { vertices: 8, fragments: 120, ..report };
     assert_eq!(Budget::QUEST_3.cost(&counted, &instanced), Some(12.0));
+}
+
+/// A device that draws what is predicted, and saves by foveation what the predictions know nothing of.
+struct Foveated {
+    /// Layers as asked for.
+    layers: f64,
+    /// What each level of foveation leaves.
+    leaves: [f64; 4],
+    timers: bool,
+    /// The governor's answers of the frames under way.
+    under_way: VecDeque<(RenderConfig, Foveation)>,
+}
+
+impl Foveated {
+    fn new(layers: f64, leaves: [f64; 4]) -> Self {
+        Self { layers, leaves, timers: true, under_way: VecDeque::new() }
+    }
+
+    fn frame(&mut self, governor: &mut Governor) -> Option<Change> {
+        let asked = RenderConfig::default();
+        self.under_way.push_back((governor.apply(&asked), governor.foveation()));
+        if self.under_way.len() < 3 {
+            return None;
+        }
+        let (config, foveation) = self.under_way.pop_front().unwrap();
+        // Neither stop nor contribution nor radius saves anything here: only what is left to the headset, and pixels.
+        let layers = self.layers * f64::from(config.resolution_scale).powi(2);
+        let report = FrameReport {
+            shown_pixels: 1000,
+            predicted_unhidden: (1000.0 * layers) as f32,
+            draw_ns: if self.timers { 7.0 * 1000.0 * layers * self.leaves[foveation as usize] } else { 0.0 },
+            ..FrameReport::default()
+        };
+        governor.observe(&report, &asked)
+    }
+
+    fn frames(&mut self, governor: &mut Governor, count: usize) -> Vec<Change> {
+        (0..count).filter_map(|_| self.frame(governor)).collect()
+    }
+}
+
+#[test]
+fn foveation_is_taken_before_the_resolution_and_given_back() {
+    let mut device = Foveated::new(22.0, [1.0, 0.9, 0.75, 0.6]);
+    let mut governor = governor();
+    governor.offer_foveation(true);
+    device.frames(&mut governor, 2000);
+    // 22 layers: low leaves 19.8, medium 16.5 of the budget's 18.
+    assert_eq!(governor.foveation(), Foveation::Medium);
+    assert!((governor.cost() - 16.5).abs() < 0.1 && governor.is_at_rest(), "{}", governor.cost());
+    assert_eq!(governor.apply(&RenderConfig::default()).resolution_scale, 1.0);
+    assert_eq!(governor.in_words(), "foveation medium");
+    assert_eq!(device.frames(&mut governor, 1000), [], "it swings");
+    // Less to draw: the rims become as fine as the middle again.
+    device.layers = 5.0;
+    device.frames(&mut governor, 2000);
+    assert_eq!((governor.foveation(), governor.level()), (Foveation::None, 0));
+}
+
+#[test]
+fn foveation_that_saves_nothing_or_is_not_offered_leaves_it_to_the_resolution() {
+    for (offered, timers, leaves) in
+        [(false, true, [1.0, 0.9, 0.75, 0.6]), (true, false, [1.0, 0.9, 0.75, 0.6]), (true, true, [1.0; 4])]
+    {
+        let mut device = Foveated { timers, ..Foveated::new(22.0, leaves) };
+        let mut governor = governor();
+        governor.offer_foveation(offered);
+        let changes = device.frames(&mut governor, 2000);
+        let drawn = governor.apply(&RenderConfig::default());
+        assert!(drawn.resolution_scale < 1.0 && governor.is_at_rest(), "{drawn:?}");
+        let foveated = offered && timers;
+        assert_eq!(governor.in_words().ends_with(" %, foveation high"), foveated, "{}", governor.in_words());
+        assert_eq!(governor.foveation() == Foveation::High, foveated);
+        let tried = changes.iter().any(|c| matches!(LADDER[c.to.max(1) - 1], Step::Foveation(_)));
+        assert_eq!(tried, foveated, "{changes:?}");
+    }
 }

@@ -215,7 +215,7 @@ pub fn show(ui: &mut Ui, facts: &MenuFacts<'_>, comfort: &Comfort) -> Vec<MenuCo
             }
         }
         if let Some(governor) = facts.governor {
-            let step = governor.step().map_or("as asked for".to_owned(), |step| step.to_string());
+            let step = governor.in_words();
             let beyond = if governor.is_beyond() { ", not enough" } else { "" };
             let (level, cost) = (governor.level(), governor.cost());
             ui.label(format!("{cost:.1}, step {level} of {}: {step}{beyond}", LADDER.len()));

@@ -16,6 +16,10 @@ pub struct HeadsetSettings<B> {
     pub comfort: Comfort,
     /// What a frame may take, such as `"18"` (layers per pixel) or `"9ms"`; nothing is held without.
     pub budget: Option<Budget>,
+    /// Tells the compositor how far away pixels are, where it wants to know.
+    pub depth_layer: bool,
+    /// Lets the budget be held by coarser rims of the images, where headset and device offer that.
+    pub foveation: bool,
     /// Changes to what buttons do.
     pub bindings: B,
 }
@@ -71,12 +75,13 @@ mod tests {
     fn a_file_changes_what_it_names() {
         assert_eq!(Settings::load(Path::new("/nowhere/headset.json")).unwrap(), Settings::default());
         let text = r#"{"comfort": {"snap_degrees": 45, "left_handed": true}, "budget": "18",
-            "bindings": {"a": "b"}}"#;
+            "depth_layer": true, "bindings": {"a": "b"}}"#;
         let settings = load(text).unwrap();
         let expected = Comfort { snap_degrees: 45.0, left_handed: true, ..Default::default() };
         assert_eq!(settings.comfort, expected);
         assert_eq!(settings.bindings["a"], "b");
         assert_eq!(settings.budget, Some(Budget::Layers(18.0)));
+        assert!(settings.depth_layer && !Settings::default().depth_layer);
     }
 
     #[test]

@@ -63,6 +63,14 @@ pub struct XrArgs {
     /// Hold a budget: layers of splats per pixel, or predicted milliseconds of a Quest 3 (like 9ms)
     #[arg(long, value_name = "LAYERS|MS")]
     pub budget: Option<Budget>,
+    /// Tell the headset's compositor how far away pixels are, where it wants to know: between two frames it then follows
+    /// the head's steps, not its turns alone. Costs a fragment a pixel and batch
+    #[arg(long)]
+    pub depth_layer: bool,
+    /// Let the budget be held by coarser rims of the images, too, where headset and device offer that. (No device has run
+    /// it yet)
+    #[arg(long)]
+    pub foveation: bool,
     /// With OpenXR's and Vulkan's validation layers
     #[arg(long)]
     pub validation: bool,
@@ -140,7 +148,12 @@ pub fn run(args: &XrArgs) -> Result<Outcome, CommandError> {
             whole_images: false,
         },
         config: at_full_size,
-        runtime: RuntimeOptions { validation: args.validation, readable: false },
+        runtime: RuntimeOptions {
+            validation: args.validation,
+            readable: false,
+            depth_layer: args.depth_layer || settings.depth_layer,
+            foveation: args.foveation || settings.foveation,
+        },
         record: args.record.clone(),
         frames: args.frames,
         patience: Duration::from_secs(args.patience),

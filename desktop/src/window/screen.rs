@@ -134,6 +134,7 @@ impl Screen {
                     layout: vk::ImageLayout::TRANSFER_SRC_OPTIMAL,
                     background_alpha: 1.0,
                     depth: None,
+                    density: None,
                 };
                 let one_pass = self.gpu.capabilities.multiview && !config.sort_per_eye;
                 let stereo = if one_pass { Stereo::Multiview } else { Stereo::TwoPass };

@@ -28,6 +28,9 @@ pub struct Capabilities {
     pub storage_16bit: bool,
     /// 32-bit float images that can be blended.
     pub blend_rgba32f: bool,
+    /// Fragment density maps (`VK_EXT_fragment_density_map`) that go with plain images: foveation.
+    #[serde(default)]
+    pub density_map: bool,
     /// Subgroup size.
     pub subgroup_size: u32,
     /// Bytes of one storage-buffer binding.
@@ -65,6 +68,14 @@ impl Capabilities {
         // SAFETY: as above.
         unsafe { instance.get_physical_device_features2(physical, &mut features) };
         let plain = features.features;
+        let density_map = has_extension(instance, physical, ash::ext::fragment_density_map::NAME) && {
+            let mut density = vk::PhysicalDeviceFragmentDensityMapFeaturesEXT::default();
+            let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut density);
+            // SAFETY: as above; the device knows the extension.
+            unsafe { instance.get_physical_device_features2(physical, &mut features) };
+            density.fragment_density_map == vk::TRUE
+                && density.fragment_density_map_non_subsampled_images == vk::TRUE
+        };
         // SAFETY: as above.
         let float32 = unsafe {
             instance.get_physical_device_format_properties(physical, vk::Format::R32G32B32A32_SFLOAT)
@@ -94,6 +105,7 @@ impl Capabilities {
             shader_float16: float16.shader_float16 == vk::TRUE,
             storage_16bit: storage16.storage_buffer16_bit_access == vk::TRUE,
             blend_rgba32f: float32.optimal_tiling_features.contains(blended),
+            density_map,
             subgroup_size: subgroup.subgroup_size,
             max_storage_range: u64::from(limits.max_storage_buffer_range),
             max_image_side: limits
@@ -123,4 +135,10 @@ impl Capabilities {
         );
         lines
     }
+}
+
+fn has_extension(instance: &ash::Instance, physical: vk::PhysicalDevice, name: &CStr) -> bool {
+    // SAFETY: `physical` belongs to `instance`.
+    let offered = unsafe { instance.enumerate_device_extension_properties(physical) }.unwrap_or_default();
+    offered.iter().any(|e| e.extension_name_as_c_str() == Ok(name))
 }

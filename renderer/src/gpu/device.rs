@@ -42,6 +42,10 @@ pub trait Bootstrap {
         physical: vk::PhysicalDevice,
         info: &vk::DeviceCreateInfo<'_>,
     ) -> Result<ash::Device, GpuError>;
+    /// Whether fragment density maps are turned on where the device offers them.
+    fn density_map(&self) -> bool {
+        false
+    }
     /// Takes away from what the device offers, before it is created: a fault of a driver to be avoided, or a lesser
     /// device to be tried on a better one. Nothing may be added.
     fn restrict(&self, _: &mut Capabilities) {}
@@ -231,18 +235,25 @@ impl Gpu {
 
         let (physical, queue_family) = bootstrap.choose(&entry, &instance)?;
         let mut capabilities = Capabilities::read(&instance, physical, queue_family);
+        capabilities.density_map &= bootstrap.density_map();
         bootstrap.restrict(&mut capabilities);
         let priorities = [1.0];
         let queues = [vk::DeviceQueueCreateInfo::default()
             .queue_family_index(queue_family)
             .queue_priorities(&priorities)];
-        let device_extensions = bootstrap.device_extensions();
+        let mut device_extensions = bootstrap.device_extensions();
+        if capabilities.density_map {
+            device_extensions.push(ash::ext::fragment_density_map::NAME.to_owned());
+        }
         let device_extension_pointers: Vec<_> = device_extensions.iter().map(|e| e.as_ptr()).collect();
         // Only what a Quest offers, and each only where it is there. Structures are chained one by one: an OpenXR
         // runtime adds its own, and a structure may be in a chain only once.
         let mut multiview = vk::PhysicalDeviceMultiviewFeatures::default().multiview(capabilities.multiview);
         let mut float16 = vk::PhysicalDeviceShaderFloat16Int8Features::default()
             .shader_float16(capabilities.shader_float16);
+        let mut density = vk::PhysicalDeviceFragmentDensityMapFeaturesEXT::default()
+            .fragment_density_map(true)
+            .fragment_density_map_non_subsampled_images(true);
         let core = vk::PhysicalDeviceFeatures::default()
             .geometry_shader(capabilities.geometry_shader)
             .independent_blend(capabilities.independent_blend)
@@ -254,6 +265,9 @@ impl Gpu {
             .push_next(&mut multiview);
         if capabilities.shader_float16 {
             info = info.push_next(&mut float16);
+        }
+        if capabilities.density_map {
+            info = info.push_next(&mut density);
         }
         let device = bootstrap.create_device(&instance, physical, &info)?;
         // SAFETY: the family was asked for with one queue.

@@ -259,6 +259,7 @@ mod tests {
                 shader_float16: true,
                 storage_16bit: true,
                 blend_rgba32f: true,
+                density_map: true,
                 subgroup_size: 64,
                 max_storage_range: 1 << 27,
                 max_image_side: 16384,

@@ -1,6 +1,7 @@
 //! The render pass: batches of splats, marks between them, the resolve.
 
 use super::frame_data::is_srgb;
+use super::median::FOLLOWED_BATCHES;
 use super::upscale::Reduction;
 use super::{Attachments, DrawRequest, Framebuffer, FramebufferKey, Renderer, call};
 use crate::config::Expansion;
@@ -47,8 +48,9 @@ impl Renderer {
         let hidden = self.hidden.pipeline(&mut self.passes, pass)?;
         let render_pass = self.passes.pass(pass)?;
         let output = layer.map_or(target.all, |l| target.layers[l]);
+        let density = target.density.filter(|_| pass.density);
         let (framebuffer, [blended_view, second_view]) =
-            self.framebuffer(render_pass, pass, output, rendered)?;
+            self.framebuffer(render_pass, pass, (output, density), rendered)?;
         let follow = self.follow_median(slot, pass, specialization, [blended_view, second_view])?;
         let read_layout = vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL;
         let mark_layout = vk::ImageLayout::GENERAL;
@@ -93,8 +95,9 @@ impl Renderer {
         let view = if request.views.len() == 1 { 0 } else { layer_index };
         let marks = if pass.early_stop { batches - 1 } else { 0 };
         let report = &mut self.slots[slot].report;
-        let follows = if follow.is_some() { batches } else { 0 };
-        report.draws += batches + marks + follows + u32::from(resolve.is_some()) + u32::from(hidden.is_some());
+        let follows = if follow.is_some() { batches.div_ceil(FOLLOWED_BATCHES) } else { 0 };
+        report.draws +=
+            batches + marks + follows + u32::from(resolve.is_some()) + u32::from(hidden.is_some());
         report.passes += 1;
         // SAFETY: every handle is alive until the frame is done; the records and draws were written before.
         unsafe {
@@ -134,11 +137,13 @@ impl Renderer {
                 }
                 self.slots[slot].queries.end_statistics(commands, counted);
                 let mark = mark.filter(|_| batch + 1 < batches);
+                let due_now = (batch + 1) % FOLLOWED_BATCHES == 0 || batch + 1 == batches;
+                let follow = follow.filter(|_| due_now);
                 if mark.is_some() || follow.is_some() {
                     self.passes.blended_to_marks(commands, pass);
                 }
                 if let Some(follow) = follow {
-                    self.record_follow(commands, follow);
+                    self.record_follow(commands, follow, batch, view);
                 }
                 if let Some(mark) = mark {
                     device.cmd_bind_descriptor_sets(commands, graphics, layout, 3, &input_sets[..1], &[]);
@@ -180,7 +185,7 @@ impl Renderer {
         &mut self,
         render_pass: vk::RenderPass,
         pass: PassKey,
-        output: vk::ImageView,
+        (output, density): (vk::ImageView, Option<vk::ImageView>),
         size: [u32; 2],
     ) -> Result<(vk::Framebuffer, [vk::ImageView; 2]), GpuError> {
         let layers = if pass.view_mask == 0 { 1 } else { 2 };
@@ -247,6 +252,7 @@ impl Renderer {
         if pass.second().is_some() {
             attachments.push(views[1]);
         }
+        attachments.extend(density);
         let info = vk::FramebufferCreateInfo::default()
             .render_pass(render_pass)
             .attachments(&attachments)

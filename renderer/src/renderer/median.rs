@@ -2,10 +2,11 @@
 //! splats have taken half of its light. (Colours of splats have no one depth; the mean would lie between what is near and
 //! what is far, where nothing is.)
 //!
-//! After every batch of early stop a pass over the image, in the same subpass, looks whether more than half of a pixel's
-//! light is gone for the first time, and takes the distance from between the batch's nearest and farthest splat by the
-//! light that is left before and after. So it costs a fragment a pixel and batch, and 8 bytes a pixel that are written
-//! once and read once; and nothing at all where no depth is asked for.
+//! After every few batches of early stop a pass over the image, in the same subpass, looks whether more than half of a
+//! pixel's light is gone for the first time. Where in these batches that was is told by the light before and after, and by
+//! what each step of the order takes from the pixel's tile, which is known from the plan of early stop. So it costs a
+//! fragment a pixel and look, of which one walks over the steps, and 4 bytes a pixel that are written once and read once;
+//! and nothing at all where no depth is asked for.
 
 use super::{DepthTarget, DrawRequest, Renderer, call};
 use crate::config::{Expansion, Lens, RenderConfig};
@@ -31,6 +32,11 @@ impl RenderConfig {
 
 /// Format, layout and view mask of a pass that writes a depth image.
 type OutputKey = (vk::Format, vk::ImageLayout, u32);
+
+/// Batches from one look at the light to the next. (Error of closeness, 95th percentile, with 4, 8, 16, 32 looks a
+/// frame: 6.6, 5.9, 4.1, 2.7 % on the scene of `tests/median.rs`. A step of 1 cm moves a pixel at 2 m by some 4 px, and one
+/// whose closeness is off by 6 % to within a quarter of a pixel of that.)
+pub(super) const FOLLOWED_BATCHES: u32 = 4;
 
 /// What follows the median depth, made on first use.
 pub(super) struct Median {
@@ -349,17 +355,26 @@ impl Renderer {
         Ok(Some(Follow { pipeline, layout, set }))
     }
 
-    /// Records what follows a batch, after the barrier behind it. Sets 0 to 2 and the push constants stay as they are.
+    /// Records a look at the light after a batch, and the barrier behind it. Sets 0 to 2 stay as they are.
     ///
     /// # Safety
     /// The commands are being recorded, in the first subpass of the pipeline's pass.
-    pub(super) unsafe fn record_follow(&self, commands: vk::CommandBuffer, follow: Follow) {
+    pub(super) unsafe fn record_follow(
+        &self,
+        commands: vk::CommandBuffer,
+        follow: Follow,
+        batch: u32,
+        view: u32,
+    ) {
+        let push = [batch, view, batch / FOLLOWED_BATCHES * FOLLOWED_BATCHES];
+        let stages = self.passes.push_stages();
         let device = self.gpu.device();
         let graphics = vk::PipelineBindPoint::GRAPHICS;
         // SAFETY: as the caller says; both layouts agree on the other sets and on the push constants.
         unsafe {
             device.cmd_bind_descriptor_sets(commands, graphics, follow.layout, 3, &[follow.set], &[]);
             device.cmd_bind_pipeline(commands, graphics, follow.pipeline);
+            device.cmd_push_constants(commands, follow.layout, stages, 0, bytemuck::cast_slice(&push));
             device.cmd_draw(commands, 3, 1, 0, 0);
         }
     }
@@ -379,8 +394,7 @@ impl Renderer {
         };
         let gathered = self.attachments.as_ref().and_then(|a| a.second.as_ref());
         let Some(gathered) = gathered.map(|image| image.array_view()) else { return Ok(()) };
-        let (render_pass, pipeline) =
-            self.median.output(&self.passes, (format, layout, pass.view_mask))?;
+        let (render_pass, pipeline) = self.median.output(&self.passes, (format, layout, pass.view_mask))?;
         let output = layer.map_or(all, |l| layers[l]);
         let framebuffer = self.median.framebuffer(render_pass, output, size)?;
         let set = self.allocate_set(slot, 3)?;

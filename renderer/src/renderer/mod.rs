@@ -62,6 +62,9 @@ pub struct Target {
     pub background_alpha: f32,
     /// Where the pixels' depth goes too; frames that do not [know it](RenderConfig::knows_depth) are refused then.
     pub depth: Option<DepthTarget>,
+    /// A fragment density map for both eyes: where fragments may be coarse. It is used where both are drawn in one pass at
+    /// full resolution; only with a device that has [them](crate::gpu::Capabilities::density_map).
+    pub density: Option<vk::ImageView>,
 }
 
 /// A depth image to write into: an array of as many layers as views, owned by the caller. A pixel becomes
@@ -536,6 +539,10 @@ impl Renderer {
                 stochastic: config.sorter == Sorter::Stochastic,
                 count: self.count_layers,
                 median: target.depth.is_some(),
+                density: target.density.is_some()
+                    && self.gpu.capabilities.density_map
+                    && view_mask != 0
+                    && !reduction.further_pass,
             };
             self.record_pass(
                 frame.slot,

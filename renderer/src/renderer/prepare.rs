@@ -75,6 +75,7 @@ impl Renderer {
                 commands,
                 compute,
                 vk::PipelineStageFlags::VERTEX_SHADER
+                    | vk::PipelineStageFlags::FRAGMENT_SHADER
                     | vk::PipelineStageFlags::DRAW_INDIRECT
                     | vk::PipelineStageFlags::TRANSFER,
                 none,

@@ -216,6 +216,7 @@ impl Rig {
             layout: vk::ImageLayout::TRANSFER_SRC_OPTIMAL,
             background_alpha: 1.0,
             depth: None,
+            density: None,
         };
         let frame = self.renderer.begin()?;
         let drawn =

@@ -1,5 +1,6 @@
 //! Extensions that Motes uses where they are offered.
 
+use super::RuntimeOptions;
 use openxr as xr;
 
 /// Which optional extensions are in use.
@@ -15,11 +16,13 @@ pub struct Optional {
     pub visibility_mask: bool,
     pub passthrough: bool,
     pub hand_tracking: bool,
+    pub depth_layer: bool,
+    pub foveation: bool,
 }
 
 impl Optional {
     /// Those of the offered extensions that are wanted.
-    pub(super) fn choose(offered: &xr::ExtensionSet) -> (xr::ExtensionSet, Self) {
+    pub(super) fn choose(offered: &xr::ExtensionSet, options: &RuntimeOptions) -> (xr::ExtensionSet, Self) {
         let mut wanted = xr::ExtensionSet::default();
         let optional = Self {
             local_floor: offered.ext_local_floor,
@@ -31,6 +34,11 @@ impl Optional {
             visibility_mask: offered.khr_visibility_mask,
             passthrough: offered.fb_passthrough,
             hand_tracking: offered.ext_hand_tracking,
+            depth_layer: offered.khr_composition_layer_depth,
+            foveation: offered.fb_foveation
+                && offered.fb_foveation_configuration
+                && offered.fb_foveation_vulkan
+                && offered.fb_swapchain_update_state,
         };
         wanted.ext_local_floor = optional.local_floor;
         wanted.fb_display_refresh_rate = optional.refresh_rate;
@@ -41,6 +49,13 @@ impl Optional {
         wanted.khr_visibility_mask = optional.visibility_mask;
         wanted.fb_passthrough = optional.passthrough;
         wanted.ext_hand_tracking = optional.hand_tracking;
+        // A compositor may do more for a program that says it has depth: only for one that gives it.
+        wanted.khr_composition_layer_depth = optional.depth_layer && options.depth_layer;
+        let foveation = optional.foveation && options.foveation;
+        wanted.fb_foveation = foveation;
+        wanted.fb_foveation_configuration = foveation;
+        wanted.fb_foveation_vulkan = foveation;
+        wanted.fb_swapchain_update_state = foveation;
         (wanted, optional)
     }
 
@@ -67,8 +82,16 @@ impl Optional {
         check(self.layer_settings, "no XR_FB_composition_layer_settings: the compositor does not sharpen");
         check(self.passthrough, "no XR_FB_passthrough: the surroundings cannot be shown");
         check(self.visibility_mask, "no XR_KHR_visibility_mask: what the lenses' rims hide is drawn too");
+        check(
+            self.depth_layer,
+            "no XR_KHR_composition_layer_depth: the compositor is not told how far away pixels are",
+        );
         check(self.touch_plus, "no XR_META_touch_controller_plus: such controllers act as Touch");
-        lines.push("foveation is not driven, whether XR_FB_foveation is offered or not: the governor lowers other costs");
+        check(
+            self.foveation,
+            "no XR_FB_foveation (_configuration, _vulkan) or no XR_FB_swapchain_update_state: the governor saves by other \
+             means than coarser rims",
+        );
         lines
     }
 }
@@ -79,4 +102,32 @@ pub(super) fn names(set: &xr::ExtensionSet) -> String {
     let names: Vec<_> =
         names.iter().map(|n| String::from_utf8_lossy(n).trim_end_matches('\0').to_owned()).collect();
     names.join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_not_asked_for_is_not_turned_on_and_what_is_missing_is_said() {
+        let mut offered = xr::ExtensionSet::default();
+        offered.khr_composition_layer_depth = true;
+        offered.fb_foveation = true;
+        offered.fb_foveation_configuration = true;
+        offered.fb_foveation_vulkan = true;
+        let options = RuntimeOptions { depth_layer: true, foveation: true, ..Default::default() };
+        let (wanted, optional) = Optional::choose(&offered, &options);
+        assert!(wanted.khr_composition_layer_depth && optional.depth_layer);
+        // Three of four extensions are of no use.
+        assert!(!wanted.fb_foveation && !optional.foveation);
+        assert!(optional.fallbacks().iter().any(|line| line.contains("XR_FB_foveation")));
+        offered.fb_swapchain_update_state = true;
+        let (wanted, optional) = Optional::choose(&offered, &options);
+        assert!(wanted.fb_foveation && wanted.fb_swapchain_update_state && wanted.fb_foveation_vulkan);
+        assert!(!optional.fallbacks().iter().any(|line| line.contains("XR_FB_foveation")));
+        let (wanted, _) = Optional::choose(&offered, &RuntimeOptions::default());
+        assert!(!wanted.khr_composition_layer_depth && !wanted.fb_foveation);
+        let (_, none) = Optional::choose(&xr::ExtensionSet::default(), &options);
+        assert!(none.fallbacks().iter().any(|line| line.contains("XR_KHR_composition_layer_depth")));
+    }
 }

@@ -1,7 +1,9 @@
 //! A real OpenXR runtime: instance, system, extensions.
 
 mod actions;
+mod depth;
 mod extensions;
+mod foveation;
 mod hands;
 mod messages;
 mod session;
@@ -33,6 +35,12 @@ pub struct RuntimeOptions {
     pub validation: bool,
     /// Lets the eyes' images be copied, for screenshots and tests.
     pub readable: bool,
+    /// Tells the compositor how far away pixels are, where it wants to know: what it shows between two frames then follows
+    /// the head's steps too, not its turns alone. Costs a fragment a pixel and batch.
+    pub depth_layer: bool,
+    /// Draws the rims of the images more coarsely than their middle where the governor has to save, and where runtime and
+    /// device offer that. Not by default: no device has run it yet.
+    pub foveation: bool,
 }
 
 /// What a loader needs to know of its system: on Android the virtual machine and the activity, elsewhere nothing.
@@ -81,7 +89,7 @@ impl Runtime {
                 remedy: "Update the headset's software",
             });
         }
-        let (mut wanted, optional) = Optional::choose(&offered);
+        let (mut wanted, optional) = Optional::choose(&offered, &options);
         wanted.khr_vulkan_enable2 = true;
         wanted.ext_debug_utils = options.validation && offered.ext_debug_utils;
         #[cfg(target_os = "android")]

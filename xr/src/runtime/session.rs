@@ -1,6 +1,8 @@
 //! A session: its life, its frames.
 
 use super::actions::{Actions, from_xr, to_xr};
+use super::depth::{Depth, depth_infos};
+use super::foveation::{Calls, Foveation};
 use super::hands::Hands;
 use super::surfaces::{Surfaces, tune};
 use super::surroundings::Surroundings;
@@ -10,9 +12,10 @@ use crate::bindings::Bindings;
 use crate::error::During;
 use crate::{EyeImages, FrameTime, Headset, HiddenArea, MOST_QUADS, Quad, SessionState, Step, XrError};
 use ash::vk::{self, Handle as _};
+use motes_app::governor::Foveation as Level;
 use motes_app::headset::{Eye, EyeFov, Input, Pinches};
-use motes_renderer::Target;
 use motes_renderer::gpu::Gpu;
+use motes_renderer::{DepthTarget, Target};
 use openxr as xr;
 use openxr::sys;
 use std::mem::MaybeUninit;
@@ -44,7 +47,10 @@ impl Default for SessionOptions {
 /// A headset behind a real runtime.
 pub struct RuntimeHeadset {
     // In this order they are destroyed: what belongs to the session, the session, the device, the runtime.
+    /// Of the eyes' images.
+    foveation: Option<Foveation>,
     eyes: Images,
+    depth: Option<Depth>,
     surfaces: Surfaces,
     surroundings: Option<Surroundings>,
     space: xr::Space,
@@ -92,7 +98,13 @@ impl RuntimeHeadset {
         let bindings = defaults.clone().with(&options.bindings);
         let actions = Actions::new(&runtime, &session, &bindings, &defaults)?;
         let size = runtime.image_size(options.resolution_scale)?;
-        let eyes = Images::new(&runtime, &gpu, &session, &Wish { size, layers: 2, still: false })?;
+        let foveation = runtime.foveation_calls(&gpu);
+        let wish = Wish { size, layers: 2, still: false, foveated: foveation.is_some() };
+        let eyes = Images::new(&runtime, &gpu, &session, &wish)?;
+        // SAFETY: the swapchain was made for it, and both go after it.
+        let foveate = |calls| unsafe { Foveation::new(calls, session.as_raw(), eyes.swapchain.as_raw()) };
+        let foveation = foveation.map(foveate).transpose()?;
+        let depth = Depth::new(&runtime, &gpu, &session, size)?;
         let surfaces = Surfaces::new(&runtime, &gpu, &session)?;
         let head = session
             .create_reference_space(xr::ReferenceSpaceType::VIEW, xr::Posef::IDENTITY)
@@ -104,7 +116,9 @@ impl RuntimeHeadset {
         };
         let mask_due = runtime.optional().visibility_mask && !options.whole_images;
         Ok(Self {
+            foveation,
             eyes,
+            depth,
             surfaces,
             surroundings: None,
             space,
@@ -334,6 +348,22 @@ impl Headset for RuntimeHeadset {
         Ok(Target { background_alpha, ..self.eyes.acquire()? })
     }
 
+    fn takes_depth(&self) -> bool {
+        self.depth.is_some()
+    }
+
+    fn depth(&mut self, near: f32) -> Result<Option<DepthTarget>, XrError> {
+        self.depth.as_mut().map(|depth| depth.acquire(near)).transpose()
+    }
+
+    fn foveation(&self) -> Option<Level> {
+        self.foveation.as_ref().map(Foveation::level)
+    }
+
+    fn foveate(&mut self, level: Level) -> Result<(), XrError> {
+        self.foveation.as_mut().map_or(Ok(()), |foveation| foveation.set(level))
+    }
+
     fn surroundings(&self) -> Option<bool> {
         self.runtime.optional().passthrough.then_some(self.surroundings.is_some())
     }
@@ -356,9 +386,22 @@ impl Headset for RuntimeHeadset {
 
     fn end(&mut self, frame: &FrameTime, shown: Option<&[Eye; 2]>, quads: &[Quad]) -> Result<(), XrError> {
         self.eyes.release()?;
+        let near = self.depth.as_mut().map(Depth::release).transpose()?.flatten();
         self.surfaces.panel().release()?;
         let time = xr::Time::from_nanos(frame.display_time);
-        let projected = shown.map(|eyes| [0, 1].map(|i| projection_view(&self.eyes, &eyes[i], i as u32)));
+        let depths = match (&self.depth, near) {
+            (Some(depth), Some(near)) => Some(depth_infos(depth.images(), near)),
+            _ => None,
+        };
+        let mut projected = shown.map(|eyes| [0, 1].map(|i| projection_view(&self.eyes, &eyes[i], i as u32)));
+        if let (Some(views), Some(depths)) = (&mut projected, &depths) {
+            for (view, depth) in views.iter_mut().zip(depths) {
+                let mut raw = *view.as_raw();
+                raw.next = std::ptr::from_ref(depth).cast();
+                // SAFETY: the depth's description lives until the frame is ended below.
+                *view = unsafe { xr::CompositionLayerProjectionView::from_raw(raw) };
+            }
+        }
         let mut projection = xr::CompositionLayerProjection::new().space(&self.space);
         let settings = sharpening();
         let behind = self.surroundings.as_ref().map(Surroundings::layer);
@@ -405,6 +448,21 @@ impl Headset for RuntimeHeadset {
     }
 }
 
+impl Runtime {
+    /// The functions that set foveation; none where nobody asked for it, or runtime or device lack it.
+    fn foveation_calls(&self, gpu: &Gpu) -> Option<Calls> {
+        let calls = Calls::of(&self.instance)?;
+        if !gpu.capabilities.density_map {
+            log::warn!(
+                "{} has no VK_EXT_fragment_density_map for plain images: rims are drawn as finely as the middle",
+                gpu.capabilities.device
+            );
+            return None;
+        }
+        Some(calls)
+    }
+}
+
 fn projection_view<'a>(
     images: &'a Images,
     eye: &Eye,
@@ -438,7 +496,7 @@ fn quad_layer<'a>(
 }
 
 /// A layer of a swapchain, all of it.
-fn part(images: &Images, layer: u32) -> xr::SwapchainSubImage<'_, xr::Vulkan> {
+pub(super) fn part(images: &Images, layer: u32) -> xr::SwapchainSubImage<'_, xr::Vulkan> {
     let [width, height] = images.size.map(|side| side as i32);
     let offset = xr::Offset2Di { x: 0, y: 0 };
     xr::SwapchainSubImage::new()

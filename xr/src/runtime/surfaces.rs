@@ -31,7 +31,12 @@ impl Surfaces {
         Ok(Self {
             rim: still(runtime, gpu, session, rim)?,
             landing: still(runtime, gpu, session, landing)?,
-            panel: Images::new(runtime, gpu, session, &Wish { size: MENU_SIZE, layers: 1, still: false })?,
+            panel: Images::new(
+                runtime,
+                gpu,
+                session,
+                &Wish { size: MENU_SIZE, layers: 1, still: false, foveated: false },
+            )?,
         })
     }
 
@@ -73,7 +78,7 @@ fn still(
     session: &xr::Session<xr::Vulkan>,
     paint: Paint,
 ) -> Result<Images, XrError> {
-    let wish = Wish { size: [SIDE; 2], layers: 1, still: true };
+    let wish = Wish { size: [SIDE; 2], layers: 1, still: true, foveated: false };
     let mut images = Images::new(runtime, gpu, session, &wish)?;
     let mut bytes = Vec::with_capacity((4 * SIDE * SIDE) as usize);
     for y in 0..SIDE {

@@ -61,6 +61,10 @@ impl Bootstrap for ByRuntime<'_> {
         Vec::new()
     }
 
+    fn density_map(&self) -> bool {
+        self.0.options.foveation && self.0.optional.foveation
+    }
+
     fn create_instance(
         &self,
         entry: &ash::Entry,

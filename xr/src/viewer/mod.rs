@@ -8,7 +8,7 @@ pub use times::FrameTimes;
 
 use crate::panel_screen::PanelScreen;
 use crate::{Content, FirstView, FrameTime, Headset, HiddenArea, Readback, SessionState, Step, XrError};
-use motes_app::governor::Governor;
+use motes_app::governor::{Foveation, Governor};
 use motes_app::headset::{
     Comfort, Eye, EyeFov, Input, Listed, Locomotion, Offered, Panel, PanelEvents, Placement, Pose,
 };
@@ -83,6 +83,8 @@ pub struct Viewer {
     /// The one that the user chose.
     chosen: Option<usize>,
     last: Option<LastFrame>,
+    /// That frames do not know their depth was said.
+    depth_missed: bool,
 }
 
 impl Viewer {
@@ -121,6 +123,7 @@ impl Viewer {
             offered: Vec::new(),
             chosen: None,
             last: None,
+            depth_missed: false,
         })
     }
 
@@ -285,8 +288,14 @@ impl Viewer {
         times.act = clock.lap();
         // Waits for the frame before the last; poses are located after it.
         let commands = self.renderer.begin()?;
+        let mut foveation = Foveation::None;
         if let (Some(governor), None) = (&mut self.governor, &self.measurement) {
+            governor.offer_foveation(headset.foveation().is_some());
             governor.observe(self.renderer.last_report(), &self.config);
+            foveation = governor.foveation();
+        }
+        if headset.foveation().is_some_and(|now| now != foveation) {
+            headset.foveate(foveation)?;
         }
         times.wait = clock.lap();
         self.draw_panel(headset, &commands, frame)?;
@@ -322,6 +331,7 @@ impl Viewer {
             // What is seen through adds nothing of its own.
             config.background = [0.0; 3];
         }
+        let near = config.near;
         config.near *= units;
         config.near_fade *= units;
         let since = self.last.as_ref().map_or(0, |last| frame.display_time - last.time.display_time);
@@ -364,7 +374,17 @@ impl Viewer {
         let used = headset.order(newest)?;
         let order = if on_processor { sorter.wait_for(used) } else { sorter.newest().0 };
         times.order = clock.lap();
-        let target = headset.target()?;
+        let mut target = headset.target()?;
+        if headset.takes_depth() {
+            let missed = !config.knows_depth();
+            if missed && !self.depth_missed {
+                log::warn!(
+                    "the compositor is not told how far away pixels are: frames that are drawn so do not know it"
+                );
+            }
+            self.depth_missed = missed;
+            target.depth = if missed { None } else { headset.depth(near)? };
+        }
         times.image = clock.lap();
         let stereo = if self.renderer.gpu().capabilities.multiview && !config.sort_per_eye {
             Stereo::Multiview
