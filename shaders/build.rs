@@ -57,6 +57,8 @@ const SHADERS: &[(&str, &str, &[&str])] = &[
     ("MEDIAN_FRAG_MULTIVIEW", "median.frag", &["MULTIVIEW"]),
     ("MEDIAN_DEPTH_FRAG", "median_depth.frag", &[]),
     ("MEDIAN_DEPTH_FRAG_MULTIVIEW", "median_depth.frag", &["MULTIVIEW"]),
+    ("LAYERS_FRAG", "layers.frag", &[]),
+    ("LAYERS_FRAG_MULTIVIEW", "layers.frag", &["MULTIVIEW"]),
     ("RESOLVE_FRAG", "resolve.frag", &[]),
     ("UPSCALE_BILINEAR_FRAG", "upscale.frag", &[]),
     ("UPSCALE_BILINEAR_FRAG_MULTIVIEW", "upscale.frag", &["MULTIVIEW"]),

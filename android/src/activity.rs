@@ -68,6 +68,7 @@ fn visit(app: &AndroidApp) -> Result<Visit, ShowError> {
             left_handed: settings.comfort.left_handed,
             bindings: settings.bindings,
             whole_images: false,
+            refresh_rate: settings.refresh_rate,
         },
         config: RenderConfig { resolution_scale: 1.0, ..config },
         runtime: RuntimeOptions {

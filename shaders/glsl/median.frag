@@ -4,7 +4,6 @@
 // whose bins say what each step of the order takes there.
 #include "scene.glsl"
 #include "records.glsl"
-layout(early_fragment_tests) in;
 layout(set = 2, binding = 0, std430) readonly buffer Order { uint order[]; };
 layout(set = 2, binding = 5, std430) readonly buffer PlanBuffer { Plan plan; };
 layout(set = 2, binding = 6, std430) readonly buffer Visible { uint visible[]; };
@@ -29,11 +28,12 @@ float closeness_before(uint entry) {
     return 1.0 / max(by_depth() ? dot(d, frame.views[0].rotation[2].xyz) : length(d), 1e-6);
 }
 
-// That of the place at which a part of what these bins take from a tile is taken.
-float closeness_at(uint first, uint end, uint row, float part) {
+// That of the place at which a part of what these bins take from a tile is taken, or as much light as was `due`, if that is
+// sooner.
+float closeness_at(uint first, uint end, uint row, float part, float due) {
     float total = 0.0;
     for (uint bin = first; bin < end; bin++) total += float(depths[bin * 2u * TILES + row]);
-    float wanted = part * total;
+    float wanted = min(part * total, due);
     for (uint bin = first; bin < end; bin++) {
         float taken = float(depths[bin * 2u * TILES + row]);
         if (taken > 0.0 && wanted <= taken) {
@@ -66,7 +66,11 @@ void main() {
     uvec2 tile = min(uvec2(place * float(TILE_SIDE)), uvec2(TILE_SIDE - 1u));
     uint row = eye_index * TILES + tile.y * TILE_SIDE + tile.x;
     uint batches = frame.counts.y;
-    float depth = 1.0 / closeness_at(BINS * push.first / batches, BINS * (push.batch + 1u) / batches, row, part);
+    uint first = BINS * push.first / batches, end = BINS * (push.batch + 1u) / batches;
+    // A pixel that was closed on the way took part in some of these batches only.
+    bool closed = 1.0 - covered < frame.filters.z;
+    float due = closed ? (1.0 - halvings.x) * log(2.0) * DEPTH_UNIT : 1e30;
+    float depth = 1.0 / closeness_at(first, end, row, part, due);
     if (!by_depth()) {
         // From the distance to the point between the eyes to the depth along this eye's ray of depth 1: the far root of
         // |eye + s ray| = distance.

@@ -236,3 +236,48 @@ fn marks_go_where_pixels_fill_up() {
     let early = offscreen.render(&scene, &views, &early).unwrap().0.remove(0).pixels;
     assert!(apart(&early, &truth) > Some(4), "{:?}", apart(&early, &truth));
 }
+
+/// The ramp of `layers.frag`.
+fn colour(share: f32) -> [f32; 3] {
+    let stops = [[0, 0, 0], [0, 0, 1], [0, 1, 1], [0, 1, 0], [1, 1, 0], [1, 0, 0], [1, 1, 1]];
+    let at = share.clamp(0.0, 1.0) * 6.0;
+    let i = (at as usize).min(5);
+    std::array::from_fn(|k| {
+        let [a, b] = [stops[i][k] as f32, stops[i + 1][k] as f32];
+        a + (b - a) * (at - i as f32)
+    })
+}
+
+#[test]
+fn layers_are_seen_as_colours() {
+    const MOST: f32 = 24.0;
+    let mut bench = Bench::new(Precision::F32);
+    let views = [view(-0.03), view(0.03)];
+    let config = RenderConfig::default();
+    let (plain, before) = bench.offscreen.render(&bench.scene, &views, &config).unwrap();
+    let (maps, _) = bench.offscreen.layers(&bench.scene, &views, &config).unwrap();
+    for stereo in [Stereo::Multiview, Stereo::TwoPass] {
+        bench.offscreen.set_stereo(stereo);
+        bench.offscreen.renderer().show_layers(Some(MOST)).unwrap();
+        let (seen, _) = bench.offscreen.render(&bench.scene, &views, &config).unwrap();
+        bench.offscreen.renderer().show_layers(None).unwrap();
+        for (seen, map) in seen.iter().zip(&maps) {
+            let expected = map.shaded.iter().map(|l| colour(l / MOST).map(|v| v * 255.0));
+            let off = seen
+                .pixels
+                .iter()
+                .zip(expected)
+                .map(|(p, e)| (0..3).map(|k| (f32::from(p[k]) - e[k]).abs()).fold(0.0, f32::max));
+            let off = off.fold(0.0, f32::max);
+            assert!(off <= 1.0, "{stereo:?}: {off}");
+        }
+        assert_ne!(seen[0], seen[1], "each eye has its own");
+        // Control: a few layers more would be seen.
+        let other = maps[0].shaded.iter().map(|l| colour((l + 2.0) / MOST)[2]).sum::<f32>();
+        let found = seen[0].pixels.iter().map(|p| f32::from(p[2]) / 255.0).sum::<f32>();
+        assert!((other - found).abs() > 10.0, "{other} {found}");
+    }
+    bench.offscreen.set_stereo(Stereo::Multiview);
+    let (again, after) = bench.offscreen.render(&bench.scene, &views, &config).unwrap();
+    assert_eq!((again, after.draws, after.passes), (plain, before.draws, before.passes));
+}

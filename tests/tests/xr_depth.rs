@@ -78,7 +78,8 @@ fn session(options: RuntimeOptions, depth_wanted: bool) {
     assert!(!runtime.optional().foveation, "Monado offers no foveation");
     let absent = runtime.optional().fallbacks();
     assert!(absent.iter().any(|line| line.contains("XR_FB_foveation")), "{absent:?}");
-    let options = SessionOptions { resolution_scale: 0.3, ..Default::default() };
+    // Any rate: the nearest that Monado offers is asked for.
+    let options = SessionOptions { resolution_scale: 0.3, refresh_rate: Some(90.0), ..Default::default() };
     let headset = RuntimeHeadset::new(runtime, &options).unwrap();
     let mut headset = Watched { headset, shown: 0, depths: 0 };
     assert_eq!((headset.takes_depth(), headset.foveation()), (depth_wanted, None));

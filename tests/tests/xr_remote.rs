@@ -532,10 +532,14 @@ fn hands_and_buttons_do_what_is_specified() {
         session.remote.send(&remote);
         session.until("a landing is shown", |s| s.viewer.locomotion().unwrap().landing().is_some());
         session.step();
+        // Along the arc, from the hand to the ring.
+        let arc = session.viewer.locomotion().unwrap().arc().unwrap();
+        assert!(arc.windows(2).all(|w| w[1].y < w[0].y + 1.0 && (w[1] - w[0]).length() < 3.0), "{arc:?}");
         let landing = session.viewer.locomotion().unwrap().landing().unwrap();
         remote.hands[1].a = false;
         session.remote.send(&remote);
         session.until("jumped", |s| s.viewer.locomotion().unwrap().landing().is_none());
+        assert_eq!(session.viewer.locomotion().unwrap().arc(), None);
         let mut feet = session.viewer.head().place();
         feet.y = 0.0;
         let feet = placement(&session).to_world(feet);

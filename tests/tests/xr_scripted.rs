@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a test may")]
 
 use ash::vk;
+use motes_app::headset::menu::HOTTEST_LAYERS;
 use motes_app::headset::{Comfort, Eye, EyeFov, Input, Pose};
 use motes_app::opened::Opened;
 use motes_renderer::gpu::Gpu;
@@ -110,4 +111,27 @@ fn where_the_scene_is_empty_the_surroundings_are_seen() {
     }
     println!("{clear} pixels empty, {solid} solid");
     assert!(clear > 100 && solid > 20);
+}
+
+#[test]
+fn layers_are_seen_in_the_headset() {
+    let gpu = TestGpu::new();
+    let (mut headset, opened) = (headset(&gpu, 3), opened());
+    let mut viewer = Viewer::new(&headset, RenderConfig::default(), Comfort::default()).unwrap();
+    viewer.read_back(&headset, true).unwrap();
+    viewer.show(Content::new(&gpu, &opened, PACKING).unwrap()).unwrap();
+    let scene = SceneOnDevice::new(&gpu, &opened.scene.splats, PACKING).unwrap();
+    let mut offscreen = Offscreen::new(&gpu).unwrap();
+    let mut seen = Vec::new();
+    for heat in [false, true, false] {
+        viewer.heat = heat;
+        assert_eq!(viewer.step(&mut headset).unwrap(), None);
+        let last = *viewer.last_frame().unwrap();
+        offscreen.renderer().show_layers(heat.then_some(HOTTEST_LAYERS)).unwrap();
+        let (expected, _) = offscreen.render(&scene, &last.views, &RenderConfig::default()).unwrap();
+        let pictures = viewer.pictures().unwrap();
+        assert!(pictures[..] == expected[..], "heat: {heat}");
+        seen.push(pictures);
+    }
+    assert!(seen[0] == seen[2] && seen[0] != seen[1]);
 }

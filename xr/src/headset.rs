@@ -2,7 +2,7 @@
 
 use crate::{HiddenArea, XrError};
 use motes_app::governor::Foveation;
-use motes_app::headset::{Eye, Input, Pose};
+use motes_app::headset::{ARC_DOTS, Eye, Input, Pose};
 use motes_renderer::gpu::Gpu;
 use motes_renderer::order::OrderRequest;
 use motes_renderer::{DepthTarget, Target};
@@ -91,8 +91,8 @@ pub enum Surface {
     Panel,
 }
 
-/// Quads of a frame, at most.
-pub const MOST_QUADS: usize = 4;
+/// Quads of a frame, at most: rim, ring and panel, and the dots of an arc. (Runtimes take 16 layers at least.)
+pub const MOST_QUADS: usize = 3 + ARC_DOTS;
 
 /// The part of a [`Surface::Rim`]'s width that is clear.
 pub const RIM_CLEAR: f32 = 0.25;

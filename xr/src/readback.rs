@@ -31,28 +31,7 @@ impl Readback {
     pub fn record(&self, commands: vk::CommandBuffer, image: vk::Image) {
         use vk::{AccessFlags as Access, ImageLayout as Layout, PipelineStageFlags as Stage};
         let [width, height] = self.images.size;
-        let range = vk::ImageSubresourceRange {
-            aspect_mask: vk::ImageAspectFlags::COLOR,
-            base_mip_level: 0,
-            level_count: 1,
-            base_array_layer: 0,
-            layer_count: 2,
-        };
-        let change = |from: Layout, to: Layout, wrote: Access, reads: Access| {
-            vk::ImageMemoryBarrier::default()
-                .image(image)
-                .subresource_range(range)
-                .old_layout(from)
-                .new_layout(to)
-                .src_access_mask(wrote)
-                .dst_access_mask(reads)
-                .src_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
-                .dst_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
-        };
-        let drawn = Layout::COLOR_ATTACHMENT_OPTIMAL;
-        let source = Layout::TRANSFER_SRC_OPTIMAL;
-        let before = change(drawn, source, Access::COLOR_ATTACHMENT_WRITE, Access::TRANSFER_READ);
-        let after = change(source, drawn, Access::empty(), Access::COLOR_ATTACHMENT_READ);
+        let [drawn, source] = [Layout::COLOR_ATTACHMENT_OPTIMAL, Layout::TRANSFER_SRC_OPTIMAL];
         let to_host = vk::MemoryBarrier::default()
             .src_access_mask(Access::TRANSFER_WRITE)
             .dst_access_mask(Access::HOST_READ);
@@ -67,13 +46,17 @@ impl Readback {
             ..Default::default()
         };
         let none = vk::DependencyFlags::empty();
-        let output = Stage::COLOR_ATTACHMENT_OUTPUT;
         let device = self.gpu.device();
+        let output = Stage::COLOR_ATTACHMENT_OUTPUT;
+        let wrote = (output, Access::COLOR_ATTACHMENT_WRITE);
+        let reads = (Stage::TRANSFER, Access::TRANSFER_READ);
         // SAFETY: the image has two layers of this size, and the buffer holds both.
         unsafe {
-            device.cmd_pipeline_barrier(commands, output, Stage::TRANSFER, none, &[], &[], &[before]);
+            self.gpu.change_layout(commands, (image, 2), [drawn, source], wrote, reads);
             device.cmd_copy_image_to_buffer(commands, image, source, self.buffer.raw(), &[copy]);
-            device.cmd_pipeline_barrier(commands, Stage::TRANSFER, output, none, &[], &[], &[after]);
+            let (copied, next) =
+                ((Stage::TRANSFER, Access::empty()), (output, Access::COLOR_ATTACHMENT_READ));
+            self.gpu.change_layout(commands, (image, 2), [source, drawn], copied, next);
             device.cmd_pipeline_barrier(commands, Stage::TRANSFER, Stage::HOST, none, &[to_host], &[], &[]);
         }
     }

@@ -11,6 +11,8 @@ const SNAP_ARMED_BELOW: f64 = 0.4;
 /// Speed of what flies along the arc, and what pulls it down: metres of the stage and seconds.
 const ARC_SPEED: f64 = 7.0;
 const ARC_GRAVITY: f64 = 9.8;
+/// Places along the arc that are shown.
+pub const ARC_DOTS: usize = 8;
 /// A jump is no farther than this, metres of the stage.
 const ARC_REACH: f64 = 20.0;
 
@@ -23,6 +25,9 @@ pub struct Locomotion {
     held: [Option<DVec3>; 2],
     snap_armed: bool,
     landing: Option<DVec3>,
+    /// From where what flies along the arc starts, how fast, and for how many seconds, while a jump is aimed and possible;
+    /// in the stage.
+    arc: Option<(DVec3, DVec3, f64)>,
     previous: Input,
     vignette: Vignette,
 }
@@ -36,6 +41,7 @@ impl Locomotion {
             held: [None; 2],
             snap_armed: true,
             landing: None,
+            arc: None,
             previous: Input::default(),
             vignette: Vignette::default(),
         }
@@ -49,6 +55,16 @@ impl Locomotion {
     /// Where the arc ends, in the world, while a jump is aimed and possible.
     pub fn landing(&self) -> Option<DVec3> {
         self.landing
+    }
+
+    /// Places along the arc in even steps of time, in the stage: while a jump is aimed and possible.
+    pub fn arc(&self) -> Option<[DVec3; ARC_DOTS]> {
+        self.arc.map(|(start, speed, time)| {
+            std::array::from_fn(|i| {
+                let t = time * (i + 1) as f64 / (ARC_DOTS + 1) as f64;
+                start + t * speed - DVec3::Y * (0.5 * ARC_GRAVITY * t * t)
+            })
+        })
     }
 
     /// Darkness of the rim, `0 ..= 1`.
@@ -161,16 +177,20 @@ impl Locomotion {
         if input.teleport {
             let lead = if comfort.left_handed { Hand::Left } else { Hand::Right };
             let aim = input.hand(lead).aim.or(input.hand(lead.other()).aim);
-            self.landing = aim.and_then(|aim| self.arc_end(&aim));
+            let end = aim.and_then(|aim| self.arc_end(&aim));
+            (self.landing, self.arc) = (end.map(|end| end.0), end.map(|end| end.1));
         } else if let Some(landing) = self.landing.take() {
             let mut feet = head.place();
             feet.y = 0.0;
             self.placement = self.placement.with_place_at(feet, landing);
+            self.arc = None;
         }
     }
 
-    /// Where a throw along the ray meets the world's floor (y = 0), in the world; none out of reach or from below it.
-    fn arc_end(&self, aim: &Pose) -> Option<DVec3> {
+    /// Where a throw along the ray meets the world's floor (y = 0), in the world, and the arc up to there; none out of reach or
+    /// from below it.
+    #[allow(clippy::type_complexity, reason = "a place and what the field holds")]
+    fn arc_end(&self, aim: &Pose) -> Option<(DVec3, (DVec3, DVec3, f64))> {
         let floor = -self.placement.translation.y / self.placement.scale;
         let (start, speed) = (aim.place(), ARC_SPEED * aim.forward());
         let height = start.y - floor;
@@ -185,7 +205,7 @@ impl Locomotion {
         let reach = DVec3::new(end.x - start.x, 0.0, end.z - start.z).length();
         let mut world = self.placement.to_world(end);
         world.y = 0.0;
-        (reach <= ARC_REACH && world.is_finite()).then_some(world)
+        (reach <= ARC_REACH && world.is_finite()).then_some((world, (start, speed, time)))
     }
 }
 
@@ -252,6 +272,28 @@ mod tests {
         step(&mut l, &grabbing([Some([0.0, 1.0, 0.0]), None]));
         assert!((l.placement().translation - before.translation).length() < 1e-12);
         assert_eq!(l.holding(), [true, false]);
+    }
+
+    #[test]
+    fn the_arc_leads_from_the_hand_to_where_the_jump_lands() {
+        let mut l = Locomotion::new(Placement::default());
+        let aim = HandInput { aim: Some(at([0.3, 1.2, -0.2])), ..Default::default() };
+        let aiming = Input { hands: [HandInput::default(), aim], teleport: true, ..Default::default() };
+        step(&mut l, &aiming);
+        let (arc, landing) = (l.arc().unwrap(), l.landing().unwrap());
+        // Level at first, then ever steeper: even steps ahead, and falls that grow by as much each time.
+        let steps: Vec<DVec3> = arc.windows(2).map(|w| w[1] - w[0]).collect();
+        assert!(steps.windows(2).all(|w| (w[1].z - w[0].z).abs() < 1e-12 && w[1].y < w[0].y && w[0].z < 0.0));
+        assert!((arc[0].x - 0.3).abs() < 1e-12 && arc[0].y < 1.2 && arc[ARC_DOTS - 1].y > 0.0);
+        let last = steps[ARC_DOTS - 2];
+        let next = arc[ARC_DOTS - 1] + last + (last - steps[ARC_DOTS - 3]);
+        assert!((next - landing).length() < 1e-9, "{next} {landing}");
+        step(&mut l, &Input { teleport: false, ..aiming });
+        assert_eq!((l.arc(), l.landing()), (None, None));
+        // Out of reach, no arc.
+        l.placement.translation.y = 100.0;
+        step(&mut l, &aiming);
+        assert_eq!(l.arc(), None);
     }
 
     #[test]

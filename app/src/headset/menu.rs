@@ -3,6 +3,7 @@
 use super::shelf::{self, Listed};
 use super::{Comfort, PanelEvents};
 use crate::governor::{Budget, Governor, LADDER};
+use crate::quality::Quality;
 use crate::time::{Repeat, TimeCommand, TimeControl};
 use egui::{Button, Context, Event, PointerButton, Pos2, RawInput, Rect, RichText, Ui, vec2};
 use motes_renderer::{FrameReport, PRESETS};
@@ -22,6 +23,16 @@ const BUDGETS: [Option<Budget>; 5] = [
     Some(Budget::Layers(8.0)),
 ];
 
+/// Layers a pixel that are shown as the hottest colour.
+pub const HOTTEST_LAYERS: f32 = 48.0;
+const LEGEND: &str = "as colours: black 0, blue 8, cyan 16, green 24, yellow 32, red 40, white 48 and more";
+
+/// Qualities to choose from.
+const QUALITIES: [Quality; 3] = [Quality::Exact, Quality::Balanced, Quality::Fast];
+
+/// What levels of detail may keep, SSIM.
+const DETAILS: [(&str, f64); 4] = [("finest", 1.0), ("fine", 0.985), ("medium", 0.97), ("coarse", 0.94)];
+
 /// What the user wants, read off the panel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MenuCommand {
@@ -31,8 +42,14 @@ pub enum MenuCommand {
     Recentre,
     /// The world as it was at first.
     Reset,
+    /// As cheaply as this allows, by measured fronts.
+    Quality(Quality),
     /// A preset of the renderer, by its place in [`PRESETS`].
     Preset(usize),
+    /// SSIM that the levels of detail keep.
+    Detail(f64),
+    /// Show layers as colours, or the scene again.
+    Heat(bool),
     /// Other comfort options.
     Comfort(Comfort),
     /// Hold this budget, or none.
@@ -66,6 +83,10 @@ pub struct MenuFacts<'a> {
     pub frame_seconds: f64,
     /// What the last frame took on the device.
     pub report: FrameReport,
+    /// What it is predicted to take on a Quest 3, ms, where that is known.
+    pub predicted_ms: Option<f64>,
+    /// SSIM that the levels of detail keep, where the scene has any.
+    pub detail: Option<f64>,
     /// How the scene stands in the world, where it is known.
     pub settings: Option<&'a Settings>,
     /// What holds the budget, where there is one.
@@ -78,6 +99,8 @@ pub struct MenuFacts<'a> {
     pub measuring: Option<f32>,
     /// Whether the surroundings are seen where the scene is empty; none where they cannot be.
     pub surroundings: Option<bool>,
+    /// Whether layers are shown as colours; none where the device cannot count them.
+    pub heat: Option<bool>,
     /// What could not be done, or was.
     pub problem: &'a str,
 }
@@ -185,8 +208,10 @@ pub fn show(ui: &mut Ui, facts: &MenuFacts<'_>, comfort: &Comfort) -> Vec<MenuCo
     }
     let r = &facts.report;
     ui.label(format!("{} splats, {} drawn, {:.1} layers a pixel", facts.splats, r.visible, r.layers()));
+    let predicted =
+        facts.predicted_ms.map_or(String::new(), |ms| format!(", {ms:.1} ms predicted on a Quest 3"));
     ui.label(format!(
-        "{:.1} ms a frame ({:.0} Hz), {:.1} ms on the device",
+        "{:.1} ms a frame ({:.0} Hz), {:.1} ms on the device{predicted}",
         facts.frame_seconds * 1e3,
         1.0 / facts.frame_seconds.max(1e-3),
         r.device_ns() / 1e6
@@ -198,12 +223,31 @@ pub fn show(ui: &mut Ui, facts: &MenuFacts<'_>, comfort: &Comfort) -> Vec<MenuCo
     ui.separator();
     ui.horizontal_wrapped(|ui| {
         ui.label("Quality");
+        for quality in QUALITIES {
+            let about = quality.limit().map_or("as close as was measured".to_owned(), |limit| {
+                format!("the cheapest way whose mean FLIP error was at most {limit} on every measured scene")
+            });
+            if ui.button(quality.to_string()).on_hover_text(about).clicked() {
+                commands.push(MenuCommand::Quality(quality));
+            }
+        }
+        ui.label("or");
         for (i, preset) in PRESETS.iter().enumerate() {
             if ui.button(preset.name).on_hover_text(preset.about).clicked() {
                 commands.push(MenuCommand::Preset(i));
             }
         }
     });
+    if let Some(held) = facts.detail {
+        ui.horizontal_wrapped(|ui| {
+            ui.label("Detail");
+            for (text, target) in DETAILS {
+                if ui.selectable_label(held == target, text).clicked() {
+                    commands.push(MenuCommand::Detail(target));
+                }
+            }
+        });
+    }
     ui.horizontal_wrapped(|ui| {
         ui.label("Layers a pixel");
         let held = facts.governor.map(Governor::budget);
@@ -271,6 +315,11 @@ pub fn show(ui: &mut Ui, facts: &MenuFacts<'_>, comfort: &Comfort) -> Vec<MenuCo
                 ui.label(format!("measuring, {:.0} %: hold still", part * 100.0));
             }
         }
+        if let Some(mut heat) = facts.heat
+            && ui.toggle_value(&mut heat, "Layers").on_hover_text(LEGEND).clicked()
+        {
+            commands.push(MenuCommand::Heat(heat));
+        }
         if let Some(mut shown) = facts.surroundings
             && ui.toggle_value(&mut shown, "Surroundings").clicked()
         {
@@ -333,9 +382,12 @@ mod tests {
             scene: "plant",
             settings: Some(&settings),
             governor: Some(&governor),
+            detail: Some(0.97),
+            predicted_ms: Some(12.3),
             time: Some(&time),
             scenes,
             surroundings: Some(false),
+            heat: Some(false),
             problem: "something could not be done",
             ..MenuFacts::default()
         };
@@ -378,12 +430,18 @@ mod tests {
             MenuCommand::Time(TimeCommand::Repeat(Repeat::PingPong)),
             MenuCommand::Time(TimeCommand::Repeat(Repeat::Once)),
             MenuCommand::Save,
+            MenuCommand::Quality(Quality::Exact),
+            MenuCommand::Quality(Quality::Fast),
+            MenuCommand::Preset(PRESETS.len() - 1),
+            MenuCommand::Detail(1.0),
+            MenuCommand::Detail(0.94),
             MenuCommand::Open(0),
             MenuCommand::Open(4),
             MenuCommand::Recentre,
             MenuCommand::Reset,
             MenuCommand::Measure,
             MenuCommand::Surroundings(true),
+            MenuCommand::Heat(true),
         ] {
             assert!(found.contains(&wanted), "{wanted:?} cannot be reached");
         }

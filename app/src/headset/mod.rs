@@ -18,7 +18,7 @@ mod shelf;
 pub use comfort::{Comfort, Vignette};
 pub use input::{Hand, HandInput, Input};
 pub use joints::{Joints, Pinches};
-pub use locomotion::Locomotion;
+pub use locomotion::{ARC_DOTS, Locomotion};
 pub use panel::{PANEL_SIZE, Panel, PanelEvents};
 pub use placement::{Placement, yaw_of};
 pub use pose::{Eye, EyeFov, Pose};

@@ -16,6 +16,8 @@ pub struct HeadsetSettings<B> {
     pub comfort: Comfort,
     /// What a frame may take, such as `"18"` (layers per pixel) or `"9ms"`; nothing is held without.
     pub budget: Option<Budget>,
+    /// Frames a second that the display is asked for, of the rates that it offers the nearest; what it chooses without.
+    pub refresh_rate: Option<f32>,
     /// Tells the compositor how far away pixels are, where it wants to know.
     pub depth_layer: bool,
     /// Lets the budget be held by coarser rims of the images, where headset and device offer that.
@@ -51,6 +53,11 @@ impl<B: Default + for<'de> Deserialize<'de>> HeadsetSettings<B> {
         let text = std::fs::read_to_string(path).map_err(|e| error(e.to_string()))?;
         let settings: Self = serde_json::from_str(&text).map_err(|e| error(e.to_string()))?;
         settings.comfort.check().map_err(error)?;
+        if let Some(rate) = settings.refresh_rate
+            && !(1.0..=1000.0).contains(&rate)
+        {
+            return Err(error(format!("refresh_rate must be 1 to 1000 Hz, not {rate}")));
+        }
         Ok(settings)
     }
 }
@@ -75,12 +82,13 @@ mod tests {
     fn a_file_changes_what_it_names() {
         assert_eq!(Settings::load(Path::new("/nowhere/headset.json")).unwrap(), Settings::default());
         let text = r#"{"comfort": {"snap_degrees": 45, "left_handed": true}, "budget": "18",
-            "depth_layer": true, "bindings": {"a": "b"}}"#;
+            "depth_layer": true, "refresh_rate": 90, "bindings": {"a": "b"}}"#;
         let settings = load(text).unwrap();
         let expected = Comfort { snap_degrees: 45.0, left_handed: true, ..Default::default() };
         assert_eq!(settings.comfort, expected);
         assert_eq!(settings.bindings["a"], "b");
         assert_eq!(settings.budget, Some(Budget::Layers(18.0)));
+        assert_eq!(settings.refresh_rate, Some(90.0));
         assert!(settings.depth_layer && !Settings::default().depth_layer);
     }
 
@@ -90,6 +98,7 @@ mod tests {
             ("{", "line 1"),
             (r#"{"comfrt": {}}"#, "comfrt"),
             (r#"{"budget": "much"}"#, "is no budget"),
+            (r#"{"refresh_rate": 0}"#, "refresh_rate must be 1 to 1000 Hz, not 0"),
             (r#"{"comfort": {"snap_degrees": -3}}"#, "snap_degrees must be 0 to 180"),
         ] {
             let error = load(text).unwrap_err().to_string();

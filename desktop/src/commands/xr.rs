@@ -63,6 +63,9 @@ pub struct XrArgs {
     /// Hold a budget: layers of splats per pixel, or predicted milliseconds of a Quest 3 (like 9ms)
     #[arg(long, value_name = "LAYERS|MS")]
     pub budget: Option<Budget>,
+    /// Ask the display for as many frames a second: the nearest of the rates that it offers
+    #[arg(long, value_name = "HZ")]
+    pub refresh_rate: Option<f32>,
     /// Tell the headset's compositor how far away pixels are, where it wants to know: between two frames it then follows
     /// the head's steps, not its turns alone. Costs a fragment a pixel and batch
     #[arg(long)]
@@ -146,6 +149,7 @@ pub fn run(args: &XrArgs) -> Result<Outcome, CommandError> {
             left_handed: settings.comfort.left_handed,
             bindings: settings.bindings,
             whole_images: false,
+            refresh_rate: args.refresh_rate.or(settings.refresh_rate),
         },
         config: at_full_size,
         runtime: RuntimeOptions {

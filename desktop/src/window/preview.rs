@@ -196,48 +196,18 @@ impl Open {
             self.gpu.wait_idle()?;
             return Ok(self.swapchain.resize(self.window.inner_size().into())?);
         };
-        let change = |image, layers, [from, to]: [Layout; 2], [wrote, reads]: [Access; 2]| {
-            vk::ImageMemoryBarrier::default()
-                .image(image)
-                .subresource_range(vk::ImageSubresourceRange {
-                    aspect_mask: vk::ImageAspectFlags::COLOR,
-                    base_mip_level: 0,
-                    level_count: 1,
-                    base_array_layer: 0,
-                    layer_count: layers,
-                })
-                .old_layout(from)
-                .new_layout(to)
-                .src_access_mask(wrote)
-                .dst_access_mask(reads)
-                .src_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
-                .dst_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
-        };
         let eyes = self.headset.eye_images();
-        let drawn = change(
-            eyes.raw(),
-            2,
-            [Layout::COLOR_ATTACHMENT_OPTIMAL, Layout::TRANSFER_SRC_OPTIMAL],
-            [Access::COLOR_ATTACHMENT_WRITE, Access::TRANSFER_READ],
-        );
-        let copied = change(
-            acquired.image,
-            1,
-            [Layout::TRANSFER_DST_OPTIMAL, Layout::PRESENT_SRC_KHR],
-            [Access::TRANSFER_WRITE, Access::empty()],
-        );
-        let none = vk::DependencyFlags::empty();
-        let (device, output) = (self.gpu.device(), Stage::COLOR_ATTACHMENT_OUTPUT);
-        // SAFETY: the eyes were drawn by what was submitted before and are alive, as is the window's image.
-        unsafe {
-            device.cmd_pipeline_barrier(commands, output, Stage::TRANSFER, none, &[], &[], &[drawn]);
-        }
+        let drawn = (Stage::COLOR_ATTACHMENT_OUTPUT, Access::COLOR_ATTACHMENT_WRITE);
+        let read = (Stage::TRANSFER, Access::TRANSFER_READ);
+        let source = [Layout::COLOR_ATTACHMENT_OPTIMAL, Layout::TRANSFER_SRC_OPTIMAL];
+        // SAFETY: the eyes were drawn by what was submitted before, and are alive.
+        unsafe { self.gpu.change_layout(commands, (eyes.raw(), 2), source, drawn, read) };
         to_window(&self.gpu, commands, &acquired, Some(eyes), self.swapchain.size(), 2);
-        // SAFETY: as above.
-        unsafe {
-            let end = Stage::BOTTOM_OF_PIPE;
-            device.cmd_pipeline_barrier(commands, Stage::TRANSFER, end, none, &[], &[], &[copied]);
-        }
+        let copied = (Stage::TRANSFER, Access::TRANSFER_WRITE);
+        let shown = (Stage::BOTTOM_OF_PIPE, Access::empty());
+        let present = [Layout::TRANSFER_DST_OPTIMAL, Layout::PRESENT_SRC_KHR];
+        // SAFETY: the window's image is acquired, and has one layer.
+        unsafe { self.gpu.change_layout(commands, (acquired.image, 1), present, copied, shown) };
         self.copier.submit(frame, &[(acquired.free, Stage::TRANSFER)], &[acquired.drawn])?;
         self.swapchain.present(&acquired)?;
         Ok(())

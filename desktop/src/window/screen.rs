@@ -244,32 +244,18 @@ pub fn to_window(
         layer_count: 1,
     };
     let transfer = vk::PipelineStageFlags::TRANSFER;
-    let barrier = |old, from, to| {
-        vk::ImageMemoryBarrier::default()
-            .image(acquired.image)
-            .old_layout(old)
-            .new_layout(vk::ImageLayout::TRANSFER_DST_OPTIMAL)
-            .src_access_mask(from)
-            .dst_access_mask(to)
-            .src_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
-            .dst_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
-            .subresource_range(range)
-    };
-    let write = vk::AccessFlags::TRANSFER_WRITE;
-    let none = vk::DependencyFlags::empty();
-    let first = barrier(vk::ImageLayout::UNDEFINED, vk::AccessFlags::empty(), write);
-    let between = barrier(vk::ImageLayout::TRANSFER_DST_OPTIMAL, write, write);
+    let to = vk::ImageLayout::TRANSFER_DST_OPTIMAL;
+    let (free, write) = ((transfer, vk::AccessFlags::empty()), (transfer, vk::AccessFlags::TRANSFER_WRITE));
     let grey = vk::ClearColorValue { float32: [0.06, 0.06, 0.07, 1.0] };
-    let layout = vk::ImageLayout::TRANSFER_DST_OPTIMAL;
     let covered = eyes.map_or([0, 0], |e| [e.description().size[0] * layers as u32, e.description().size[1]]);
     // SAFETY: the images are alive, and what is copied lies within both. The semaphore that the frame waits for at
     // this stage says when the window's image may be written.
     unsafe {
-        device.cmd_pipeline_barrier(commands, transfer, transfer, none, &[], &[], &[first]);
+        gpu.change_layout(commands, (acquired.image, 1), [vk::ImageLayout::UNDEFINED, to], free, write);
         if covered != size {
             // An odd column at the side of two eyes, or no scene at all.
-            device.cmd_clear_color_image(commands, acquired.image, layout, &grey, &[range]);
-            device.cmd_pipeline_barrier(commands, transfer, transfer, none, &[], &[], &[between]);
+            device.cmd_clear_color_image(commands, acquired.image, to, &grey, &[range]);
+            gpu.change_layout(commands, (acquired.image, 1), [to, to], write, write);
         }
         let Some(eyes) = eyes else { return };
         let [width, height] = eyes.description().size;
@@ -297,7 +283,7 @@ pub fn to_window(
             eyes.raw(),
             vk::ImageLayout::TRANSFER_SRC_OPTIMAL,
             acquired.image,
-            layout,
+            to,
             &copies,
         );
     }

@@ -208,7 +208,7 @@ impl Renderer {
                 | if pass.median {
                     vk::ImageUsageFlags::INPUT_ATTACHMENT | vk::ImageUsageFlags::SAMPLED
                 } else {
-                    vk::ImageUsageFlags::TRANSFER_SRC
+                    vk::ImageUsageFlags::TRANSFER_SRC | vk::ImageUsageFlags::SAMPLED
                 },
             ..description
         });

@@ -8,11 +8,11 @@
 //! fragment a pixel and look, of which one walks over the steps, and 4 bytes a pixel that are written once and read once;
 //! and nothing at all where no depth is asked for.
 
-use super::{DepthTarget, DrawRequest, Renderer, call};
+use super::readout::OverImage;
+use super::{Renderer, call};
 use crate::config::{Expansion, Lens, RenderConfig};
 use crate::gpu::{Gpu, GpuError};
 use crate::passes::{PUSH_BYTES, PassKey, Passes};
-use crate::shader::{Module, specialization_entries};
 use crate::{Composite, Sorter};
 use ash::vk;
 use motes_shaders::layout::Specialization;
@@ -30,9 +30,6 @@ impl RenderConfig {
     }
 }
 
-/// Format, layout and view mask of a pass that writes a depth image.
-type OutputKey = (vk::Format, vk::ImageLayout, u32);
-
 /// Batches from one look at the light to the next. (Error of closeness, 95th percentile, with 4, 8, 16, 32 looks a
 /// frame: 6.6, 5.9, 4.1, 2.7 % on the scene of `tests/median.rs`. A step of 1 cm moves a pixel at 2 m by some 4 px, and one
 /// whose closeness is off by 6 % to within a quarter of a pixel of that.)
@@ -44,8 +41,6 @@ pub(super) struct Median {
     /// Set 3 and the layout of what runs between batches: both colour attachments are read.
     between: Option<(vk::DescriptorSetLayout, vk::PipelineLayout)>,
     pipelines: HashMap<(PassKey, Specialization), vk::Pipeline>,
-    outputs: HashMap<OutputKey, (vk::RenderPass, vk::Pipeline)>,
-    framebuffers: HashMap<(vk::RenderPass, vk::ImageView), vk::Framebuffer>,
 }
 
 /// What is recorded after a batch.
@@ -58,21 +53,7 @@ pub(super) struct Follow {
 
 impl Median {
     pub fn new(gpu: &Arc<Gpu>) -> Self {
-        Self {
-            gpu: gpu.clone(),
-            between: None,
-            pipelines: HashMap::new(),
-            outputs: HashMap::new(),
-            framebuffers: HashMap::new(),
-        }
-    }
-
-    /// Destroys framebuffers. The device must be idle.
-    pub fn forget_framebuffers(&mut self) {
-        for (_, framebuffer) in self.framebuffers.drain() {
-            // SAFETY: the device is idle.
-            unsafe { self.gpu.device().destroy_framebuffer(framebuffer, None) };
-        }
+        Self { gpu: gpu.clone(), between: None, pipelines: HashMap::new() }
     }
 
     fn layouts(
@@ -126,10 +107,8 @@ impl Median {
         let write = vk::PipelineColorBlendAttachmentState::default();
         // The blended image is only read.
         let writes = [write, write.color_write_mask(vk::ColorComponentFlags::RGBA)];
-        // What is hidden or closed lies at depth 0 already.
-        let depth = vk::PipelineDepthStencilStateCreateInfo::default()
-            .depth_test_enable(true)
-            .depth_compare_op(vk::CompareOp::LESS);
+        // What was closed since the last look is looked at too.
+        let depth = vk::PipelineDepthStencilStateCreateInfo::default();
         let over = OverImage {
             shaders: [modules::MEDIAN_VERT, fragment],
             pass: passes.pass(pass)?,
@@ -141,119 +120,13 @@ impl Median {
         self.pipelines.insert((pass, specialization), pipeline);
         Ok(pipeline)
     }
-
-    /// The pass that writes a depth image, and its pipeline.
-    fn output(
-        &mut self,
-        passes: &Passes,
-        key: OutputKey,
-    ) -> Result<(vk::RenderPass, vk::Pipeline), GpuError> {
-        if let Some(made) = self.outputs.get(&key) {
-            return Ok(*made);
-        }
-        let (format, final_layout, view_mask) = key;
-        let attachments = [vk::AttachmentDescription::default()
-            .format(format)
-            .samples(vk::SampleCountFlags::TYPE_1)
-            .load_op(vk::AttachmentLoadOp::DONT_CARE)
-            .store_op(vk::AttachmentStoreOp::STORE)
-            .stencil_load_op(vk::AttachmentLoadOp::DONT_CARE)
-            .stencil_store_op(vk::AttachmentStoreOp::DONT_CARE)
-            .initial_layout(vk::ImageLayout::UNDEFINED)
-            .final_layout(final_layout)];
-        let written = vk::AttachmentReference {
-            attachment: 0,
-            layout: vk::ImageLayout::DEPTH_STENCIL_ATTACHMENT_OPTIMAL,
-        };
-        let subpasses = [vk::SubpassDescription::default()
-            .pipeline_bind_point(vk::PipelineBindPoint::GRAPHICS)
-            .depth_stencil_attachment(&written)];
-        let tests =
-            vk::PipelineStageFlags::EARLY_FRAGMENT_TESTS | vk::PipelineStageFlags::LATE_FRAGMENT_TESTS;
-        let write = vk::AccessFlags::DEPTH_STENCIL_ATTACHMENT_WRITE;
-        let transfer = vk::PipelineStageFlags::TRANSFER;
-        let dependencies = [
-            // What was gathered is visible by the pass before. This image's last reader is over.
-            vk::SubpassDependency::default()
-                .src_subpass(vk::SUBPASS_EXTERNAL)
-                .dst_subpass(0)
-                .src_stage_mask(tests | transfer)
-                .dst_stage_mask(tests)
-                .src_access_mask(write)
-                .dst_access_mask(write | vk::AccessFlags::DEPTH_STENCIL_ATTACHMENT_READ),
-            vk::SubpassDependency::default()
-                .src_subpass(0)
-                .dst_subpass(vk::SUBPASS_EXTERNAL)
-                .src_stage_mask(tests)
-                .dst_stage_mask(transfer | vk::PipelineStageFlags::BOTTOM_OF_PIPE)
-                .src_access_mask(write)
-                .dst_access_mask(vk::AccessFlags::TRANSFER_READ),
-        ];
-        let masks = [view_mask];
-        let mut multiview = vk::RenderPassMultiviewCreateInfo::default().view_masks(&masks);
-        let mut info = vk::RenderPassCreateInfo::default()
-            .attachments(&attachments)
-            .subpasses(&subpasses)
-            .dependencies(&dependencies);
-        if view_mask != 0 {
-            info = info.push_next(&mut multiview);
-        }
-        // SAFETY: `info` is complete and lives until the call returns.
-        let pass = call(unsafe { self.gpu.device().create_render_pass(&info, None) }, "vkCreateRenderPass")?;
-        let fragment =
-            if view_mask == 0 { modules::MEDIAN_DEPTH_FRAG } else { modules::MEDIAN_DEPTH_FRAG_MULTIVIEW };
-        let depth = vk::PipelineDepthStencilStateCreateInfo::default()
-            .depth_test_enable(true)
-            .depth_write_enable(true)
-            .depth_compare_op(vk::CompareOp::ALWAYS);
-        let shaders = [modules::FULLSCREEN_VERT, fragment];
-        let over = OverImage { shaders, pass, layout: passes.layout, depth, writes: &[] };
-        match over.pipeline(&self.gpu, passes.cache(), &Specialization::default()) {
-            Ok(pipeline) => {
-                self.outputs.insert(key, (pass, pipeline));
-                Ok((pass, pipeline))
-            }
-            Err(error) => {
-                // SAFETY: nothing was made of the pass.
-                unsafe { self.gpu.device().destroy_render_pass(pass, None) };
-                Err(error)
-            }
-        }
-    }
-
-    fn framebuffer(
-        &mut self,
-        pass: vk::RenderPass,
-        output: vk::ImageView,
-        size: [u32; 2],
-    ) -> Result<vk::Framebuffer, GpuError> {
-        if let Some(framebuffer) = self.framebuffers.get(&(pass, output)) {
-            return Ok(*framebuffer);
-        }
-        let views = [output];
-        let info = vk::FramebufferCreateInfo::default()
-            .render_pass(pass)
-            .attachments(&views)
-            .width(size[0])
-            .height(size[1])
-            .layers(1);
-        // SAFETY: pass and view are alive.
-        let made = call(unsafe { self.gpu.device().create_framebuffer(&info, None) }, "vkCreateFramebuffer")?;
-        self.framebuffers.insert((pass, output), made);
-        Ok(made)
-    }
 }
 
 impl Drop for Median {
     fn drop(&mut self) {
-        self.forget_framebuffers();
         let device = self.gpu.device();
         // SAFETY: the renderer that owns this has waited for its frames.
         unsafe {
-            for (pass, pipeline) in self.outputs.values() {
-                device.destroy_pipeline(*pipeline, None);
-                device.destroy_render_pass(*pass, None);
-            }
             for pipeline in self.pipelines.values() {
                 device.destroy_pipeline(*pipeline, None);
             }
@@ -262,63 +135,6 @@ impl Drop for Median {
                 device.destroy_descriptor_set_layout(set, None);
             }
         }
-    }
-}
-
-/// A pipeline that draws one triangle over the whole image, in the first subpass.
-struct OverImage<'a> {
-    shaders: [&'static [u32]; 2],
-    pass: vk::RenderPass,
-    layout: vk::PipelineLayout,
-    depth: vk::PipelineDepthStencilStateCreateInfo<'a>,
-    writes: &'a [vk::PipelineColorBlendAttachmentState],
-}
-
-impl OverImage<'_> {
-    fn pipeline(
-        &self,
-        gpu: &Arc<Gpu>,
-        cache: vk::PipelineCache,
-        specialization: &Specialization,
-    ) -> Result<vk::Pipeline, GpuError> {
-        let [vertex, fragment] = self.shaders;
-        let (vertex, fragment) = (Module::new(gpu, vertex)?, Module::new(gpu, fragment)?);
-        let entries = specialization_entries();
-        let constants =
-            vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::bytes_of(specialization));
-        let stages = [
-            vertex.stage(vk::ShaderStageFlags::VERTEX).specialization_info(&constants),
-            fragment.stage(vk::ShaderStageFlags::FRAGMENT).specialization_info(&constants),
-        ];
-        let input = vk::PipelineVertexInputStateCreateInfo::default();
-        let assembly = vk::PipelineInputAssemblyStateCreateInfo::default()
-            .topology(vk::PrimitiveTopology::TRIANGLE_LIST);
-        let viewport = vk::PipelineViewportStateCreateInfo::default().viewport_count(1).scissor_count(1);
-        let raster = vk::PipelineRasterizationStateCreateInfo::default()
-            .polygon_mode(vk::PolygonMode::FILL)
-            .cull_mode(vk::CullModeFlags::NONE)
-            .line_width(1.0);
-        let samples = vk::PipelineMultisampleStateCreateInfo::default()
-            .rasterization_samples(vk::SampleCountFlags::TYPE_1);
-        let blending = vk::PipelineColorBlendStateCreateInfo::default().attachments(self.writes);
-        let dynamic = [vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR];
-        let dynamic = vk::PipelineDynamicStateCreateInfo::default().dynamic_states(&dynamic);
-        let info = vk::GraphicsPipelineCreateInfo::default()
-            .stages(&stages)
-            .vertex_input_state(&input)
-            .input_assembly_state(&assembly)
-            .viewport_state(&viewport)
-            .rasterization_state(&raster)
-            .multisample_state(&samples)
-            .depth_stencil_state(&self.depth)
-            .color_blend_state(&blending)
-            .dynamic_state(&dynamic)
-            .layout(self.layout)
-            .render_pass(self.pass)
-            .subpass(0);
-        // SAFETY: everything that `info` points to lives until the call returns.
-        let made = unsafe { gpu.device().create_graphics_pipelines(cache, &[info], None) };
-        Ok(call(made.map_err(|(_, e)| e), "vkCreateGraphicsPipelines")?[0])
     }
 }
 
@@ -377,65 +193,5 @@ impl Renderer {
             device.cmd_push_constants(commands, follow.layout, stages, 0, bytemuck::cast_slice(&push));
             device.cmd_draw(commands, 3, 1, 0, 0);
         }
-    }
-
-    /// Records the pass from what was gathered to the depth image.
-    pub(super) fn record_depth(
-        &mut self,
-        slot: usize,
-        request: &DrawRequest<'_>,
-        pass: PassKey,
-        layer: Option<usize>,
-    ) -> Result<(), GpuError> {
-        let (Some(DepthTarget { all, layers, format, size, layout }), true) =
-            (request.target.depth, pass.median)
-        else {
-            return Ok(());
-        };
-        let gathered = self.attachments.as_ref().and_then(|a| a.second.as_ref());
-        let Some(gathered) = gathered.map(|image| image.array_view()) else { return Ok(()) };
-        let (render_pass, pipeline) = self.median.output(&self.passes, (format, layout, pass.view_mask))?;
-        let output = layer.map_or(all, |l| layers[l]);
-        let framebuffer = self.median.framebuffer(render_pass, output, size)?;
-        let set = self.allocate_set(slot, 3)?;
-        let info = [vk::DescriptorImageInfo {
-            sampler: self.upscaler.sampler(),
-            image_view: gathered,
-            image_layout: vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL,
-        }];
-        let write = vk::WriteDescriptorSet { dst_set: set, ..Default::default() }
-            .dst_binding(1)
-            .descriptor_type(vk::DescriptorType::COMBINED_IMAGE_SAMPLER)
-            .image_info(&info);
-        let [width, height] = size;
-        let area = vk::Rect2D { offset: vk::Offset2D::default(), extent: vk::Extent2D { width, height } };
-        let [width, height] = size.map(|side| side as f32);
-        let viewport = vk::Viewport { width, height, max_depth: 1.0, ..Default::default() };
-        let begin = vk::RenderPassBeginInfo::default()
-            .render_pass(render_pass)
-            .framebuffer(framebuffer)
-            .render_area(area);
-        // Where each eye is drawn by itself, what was gathered holds that eye alone.
-        let push = [width.to_bits(), height.to_bits(), 0];
-        let commands = self.slots[slot].commands;
-        let graphics = vk::PipelineBindPoint::GRAPHICS;
-        let (layout, stages) = (self.passes.layout, self.passes.push_stages());
-        let device = self.gpu.device();
-        // SAFETY: every handle is alive until the frame is done; the set is not in use by the device.
-        unsafe {
-            device.update_descriptor_sets(&[write], &[]);
-            device.cmd_begin_render_pass(commands, &begin, vk::SubpassContents::INLINE);
-            device.cmd_set_viewport(commands, 0, &[viewport]);
-            device.cmd_set_scissor(commands, 0, &[area]);
-            device.cmd_bind_descriptor_sets(commands, graphics, layout, 3, &[set], &[]);
-            device.cmd_bind_pipeline(commands, graphics, pipeline);
-            device.cmd_push_constants(commands, layout, stages, 0, bytemuck::cast_slice(&push));
-            device.cmd_draw(commands, 3, 1, 0, 0);
-            device.cmd_end_render_pass(commands);
-        }
-        let report = &mut self.slots[slot].report;
-        report.draws += 1;
-        report.passes += 1;
-        Ok(())
     }
 }

@@ -8,6 +8,7 @@ mod median;
 mod order;
 mod part_list;
 mod prepare;
+mod readout;
 mod upscale;
 
 pub use frame_data::midpoint;
@@ -30,6 +31,7 @@ use hidden::Hidden;
 use median::Median;
 use motes_shaders::layout::FrameData;
 use prepare::PREPARATION_DISPATCHES;
+use readout::Readouts;
 use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -179,10 +181,13 @@ pub struct Renderer {
     indices: HashMap<u32, Buffer>,
     attachments: Option<Attachments>,
     count_layers: bool,
+    /// Layers are shown as colours, and so many are the hottest.
+    shown_layers: Option<f32>,
     framebuffers: HashMap<FramebufferKey, Framebuffer>,
     background: [f32; 3],
     hidden: Hidden,
     median: Median,
+    readouts: Readouts,
     upscaler: Upscaler,
     /// Of the newest frame that is done.
     finished: FrameReport,
@@ -207,10 +212,12 @@ impl Renderer {
             indices: HashMap::new(),
             attachments: None,
             count_layers: false,
+            shown_layers: None,
             framebuffers: HashMap::new(),
             background: [0.0; 3],
             hidden: Hidden::new(gpu),
             median: Median::new(gpu),
+            readouts: Readouts::new(gpu),
             upscaler: Upscaler::new(gpu)?,
             finished: FrameReport::default(),
         };
@@ -407,6 +414,17 @@ impl Renderer {
         Ok(())
     }
 
+    /// Shows how many layers each pixel took instead of its colour, from the next frame on or no longer: black for none, then
+    /// blue, cyan, green, yellow, red, white for `most` and more. Counting costs time itself.
+    ///
+    /// # Errors
+    /// As [`Renderer::count_layers`].
+    pub fn show_layers(&mut self, most: Option<f32>) -> Result<(), GpuError> {
+        self.count_layers(most.is_some())?;
+        self.shown_layers = most;
+        Ok(())
+    }
+
     /// The layer counts of the last frame (16-bit floats: shaded, blended; one layer a view), left for copies.
     pub(crate) fn layer_counts(&self) -> Option<&Image> {
         self.attachments.as_ref().and_then(|a| a.second.as_ref())
@@ -419,7 +437,7 @@ impl Renderer {
     pub fn forget_targets(&mut self) -> Result<(), GpuError> {
         self.gpu.wait_idle()?;
         self.upscaler.forget_framebuffers();
-        self.median.forget_framebuffers();
+        self.readouts.forget_framebuffers();
         for (_, framebuffer) in self.framebuffers.drain() {
             // SAFETY: the device is idle.
             unsafe { self.gpu.device().destroy_framebuffer(framebuffer.raw, None) };
@@ -556,7 +574,7 @@ impl Renderer {
                 &sets,
                 reduction,
             )?;
-            self.record_depth(frame.slot, request, pass, layer)?;
+            self.record_readouts(frame.slot, request, pass, layer)?;
         }
         if let Some(workspace) = &mut self.workspace
             && config.expansion == Expansion::Precomputed

@@ -36,11 +36,19 @@ pub struct SessionOptions {
     pub bindings: Bindings,
     /// Draws what the lenses' rims hide, too: for those who look at the images by another way.
     pub whole_images: bool,
+    /// Frames a second that are asked for, of the display's rates the nearest; what the runtime chooses without.
+    pub refresh_rate: Option<f32>,
 }
 
 impl Default for SessionOptions {
     fn default() -> Self {
-        Self { resolution_scale: 1.0, left_handed: false, bindings: Bindings::default(), whole_images: false }
+        Self {
+            resolution_scale: 1.0,
+            left_handed: false,
+            bindings: Bindings::default(),
+            whole_images: false,
+            refresh_rate: None,
+        }
     }
 }
 
@@ -109,7 +117,7 @@ impl RuntimeHeadset {
         let head = session
             .create_reference_space(xr::ReferenceSpaceType::VIEW, xr::Posef::IDENTITY)
             .during("xrCreateReferenceSpace")?;
-        tune(&runtime, &session);
+        tune(&runtime, &session, options.refresh_rate);
         let hands = match runtime.optional().hand_tracking {
             true => Some(Hands::new(&session)?),
             false => None,

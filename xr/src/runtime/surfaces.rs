@@ -108,28 +108,8 @@ fn still(
 
 fn record_copy(gpu: &Gpu, commands: vk::CommandBuffer, buffer: &Buffer, image: vk::Image) {
     use vk::{AccessFlags as Access, ImageLayout as Layout, PipelineStageFlags as Stage};
-    let change = |from: Layout, to: Layout, wrote: Access, reads: Access| {
-        vk::ImageMemoryBarrier::default()
-            .image(image)
-            .subresource_range(vk::ImageSubresourceRange {
-                aspect_mask: vk::ImageAspectFlags::COLOR,
-                base_mip_level: 0,
-                level_count: 1,
-                base_array_layer: 0,
-                layer_count: 1,
-            })
-            .old_layout(from)
-            .new_layout(to)
-            .src_access_mask(wrote)
-            .dst_access_mask(reads)
-            .src_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
-            .dst_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
-    };
-    let target = Layout::TRANSFER_DST_OPTIMAL;
-    let before = change(Layout::UNDEFINED, target, Access::empty(), Access::TRANSFER_WRITE);
-    // Runtimes want images back in the layout for drawing.
-    let drawn = Layout::COLOR_ATTACHMENT_OPTIMAL;
-    let after = change(target, drawn, Access::TRANSFER_WRITE, Access::COLOR_ATTACHMENT_READ);
+    let [target, drawn] = [Layout::TRANSFER_DST_OPTIMAL, Layout::COLOR_ATTACHMENT_OPTIMAL];
+    let copied = (Stage::TRANSFER, Access::TRANSFER_WRITE);
     let copy = vk::BufferImageCopy {
         image_subresource: vk::ImageSubresourceLayers {
             aspect_mask: vk::ImageAspectFlags::COLOR,
@@ -140,19 +120,20 @@ fn record_copy(gpu: &Gpu, commands: vk::CommandBuffer, buffer: &Buffer, image: v
         image_extent: vk::Extent3D { width: SIDE, height: SIDE, depth: 1 },
         ..Default::default()
     };
-    let none = vk::DependencyFlags::empty();
-    let device = gpu.device();
+    let image_of = (image, 1);
     // SAFETY: the image is one layer of this size, acquired; the buffer holds it, and lives until the frame is done.
     unsafe {
-        device.cmd_pipeline_barrier(commands, Stage::TOP_OF_PIPE, Stage::TRANSFER, none, &[], &[], &[before]);
-        device.cmd_copy_buffer_to_image(commands, buffer.raw(), image, target, &[copy]);
-        let output = Stage::COLOR_ATTACHMENT_OUTPUT;
-        device.cmd_pipeline_barrier(commands, Stage::TRANSFER, output, none, &[], &[], &[after]);
+        let free = (Stage::TOP_OF_PIPE, Access::empty());
+        gpu.change_layout(commands, image_of, [Layout::UNDEFINED, target], free, copied);
+        gpu.device().cmd_copy_buffer_to_image(commands, buffer.raw(), image, target, &[copy]);
+        // Runtimes want images back in the layout for drawing.
+        let read = (Stage::COLOR_ATTACHMENT_OUTPUT, Access::COLOR_ATTACHMENT_READ);
+        gpu.change_layout(commands, image_of, [target, drawn], copied, read);
     }
 }
 
-/// What the runtime is told once when a session is there: clocks, and which rates the display offers.
-pub(super) fn tune(runtime: &Runtime, session: &xr::Session<xr::Vulkan>) {
+/// What the runtime is told once when a session is there: clocks, and how many frames a second are wanted.
+pub(super) fn tune(runtime: &Runtime, session: &xr::Session<xr::Vulkan>, refresh_rate: Option<f32>) {
     if let Some(calls) = &runtime.instance.exts().ext_performance_settings {
         for domain in [xr::sys::PerfSettingsDomainEXT::CPU, xr::sys::PerfSettingsDomainEXT::GPU] {
             let level = xr::sys::PerfSettingsLevelEXT::SUSTAINED_HIGH;
@@ -166,15 +147,41 @@ pub(super) fn tune(runtime: &Runtime, session: &xr::Session<xr::Vulkan>) {
     }
     if runtime.optional().refresh_rate {
         match session.enumerate_display_refresh_rates().during("xrEnumerateDisplayRefreshRatesFB") {
-            Ok(rates) => log::info!("display rates offered: {rates:?} Hz"),
+            Ok(rates) => {
+                log::info!("display rates offered: {rates:?} Hz");
+                if let Some((wanted, rate)) = refresh_rate.zip(refresh_rate.and_then(|r| nearest(&rates, r)))
+                {
+                    match session.request_display_refresh_rate(rate).during("xrRequestDisplayRefreshRateFB") {
+                        Ok(()) => log::info!("display rate asked for: {rate} Hz, the nearest to {wanted}"),
+                        Err(error) => log::warn!("{error}"),
+                    }
+                }
+            }
             Err(error) => log::warn!("{error}"),
         }
+    } else if let Some(wanted) = refresh_rate {
+        log::warn!("{wanted} Hz cannot be asked for: the runtime chooses");
     }
+}
+
+/// The rate nearest to a wanted one; the greater of two that are as near.
+fn nearest(rates: &[f32], wanted: f32) -> Option<f32> {
+    let off = |rate: &f32| ((rate - wanted).abs(), -rate);
+    rates.iter().copied().min_by(|a, b| off(a).partial_cmp(&off(b)).unwrap_or(std::cmp::Ordering::Equal))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_nearest_rate_is_asked_for() {
+        let rates = [72.0, 80.0, 90.0, 120.0];
+        for (wanted, rate) in [(90.0, 90.0), (60.0, 72.0), (100.0, 90.0), (105.0, 120.0), (500.0, 120.0)] {
+            assert_eq!(nearest(&rates, wanted), Some(rate), "{wanted}");
+        }
+        assert_eq!(nearest(&[], 90.0), None);
+    }
 
     #[test]
     fn the_rim_is_clear_in_the_middle_and_black_outside() {

@@ -2,10 +2,11 @@
 
 use super::{Shown, Viewer};
 use crate::{FrameTime, Headset, XrError};
-use motes_app::governor::Governor;
+use motes_app::governor::{Budget, Governor};
 use motes_app::headset::menu::{MenuCommand, MenuFacts};
 use motes_app::measurement::{Machine, Measurement, SceneRecord};
-use motes_renderer::{Expansion, Frame, PRESETS};
+use motes_app::quality::{Quality, Table};
+use motes_renderer::{Expansion, Frame, PRESETS, RenderConfig};
 use motes_scenes::settings::{Orientation, Settings};
 
 impl Viewer {
@@ -35,12 +36,19 @@ impl Viewer {
             loading: self.loading,
             frame_seconds: frame.period as f64 / 1e9,
             report: self.renderer.last_report().clone(),
+            predicted_ms: Budget::Milliseconds(0.0).cost(self.renderer.last_report(), &self.config),
+            detail: self
+                .shown
+                .as_ref()
+                .and_then(|shown| shown.content.detail.as_ref())
+                .map(|_| self.detail_target),
             settings: about.map(|about| &about.settings),
             governor: self.governor.as_ref(),
             time: self.playback.as_ref(),
             measuring: self.measurement.as_ref().map(Measurement::progress),
             scenes: &self.offered,
             surroundings: headset.surroundings(),
+            heat: self.renderer.gpu().capabilities.independent_blend.then_some(self.heat),
             problem: &self.problem,
         };
         let seconds = frame.display_time as f64 / 1e9;
@@ -66,6 +74,9 @@ impl Viewer {
                     locomotion.reset();
                 }
             }
+            MenuCommand::Heat(heat) => self.heat = heat,
+            MenuCommand::Quality(quality) => self.take_quality(quality),
+            MenuCommand::Detail(target) => self.detail_target = target,
             MenuCommand::Preset(i) => self.take_preset(i),
             MenuCommand::Comfort(comfort) => self.comfort = comfort,
             MenuCommand::Budget(budget) => match (budget, &mut self.governor) {
@@ -141,6 +152,18 @@ impl Viewer {
         self.measurement.is_some()
     }
 
+    /// The cheapest way of drawing that was measured to be so close, where the device can draw two views by it. How finely
+    /// the scene is stored, and what of it is shown, stay as they are.
+    fn take_quality(&mut self, quality: Quality) {
+        match Table::built_in().and_then(|table| table.config(quality)) {
+            Ok(config) => {
+                let RenderConfig { precision, sh_precision, time, background, .. } = self.config;
+                self.take(RenderConfig { precision, sh_precision, time, background, ..config });
+            }
+            Err(error) => self.problem = error.to_string(),
+        }
+    }
+
     /// A preset, where the device can draw two views by it.
     fn take_preset(&mut self, preset: usize) {
         let Some(preset) = PRESETS.get(preset) else { return };
@@ -149,6 +172,12 @@ impl Viewer {
             config.expansion = Expansion::Instanced;
             self.problem = "The geometry stage draws one eye only: splats are expanded in instances".into();
         }
+        self.take(config);
+    }
+
+    fn take(&mut self, mut config: RenderConfig) {
+        // The session draws at its own size: nothing is left to bring back to full size.
+        config.resolution_scale = 1.0;
         match config.check(2, &self.renderer.gpu().capabilities) {
             Ok(()) => self.config = config,
             Err(error) => self.problem = error.to_string(),

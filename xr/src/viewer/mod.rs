@@ -9,6 +9,7 @@ pub use times::FrameTimes;
 use crate::panel_screen::PanelScreen;
 use crate::{Content, FirstView, FrameTime, Headset, HiddenArea, Readback, SessionState, Step, XrError};
 use motes_app::governor::{Foveation, Governor};
+use motes_app::headset::menu::HOTTEST_LAYERS;
 use motes_app::headset::{
     Comfort, Eye, EyeFov, Input, Listed, Locomotion, Offered, Panel, PanelEvents, Placement, Pose,
 };
@@ -59,6 +60,10 @@ pub struct Viewer {
     pub comfort: Comfort,
     /// The time of a moving scene, playing from `config.time` once it is shown; without it that stands still.
     pub playback: Option<TimeControl>,
+    /// Layers are shown as colours where frames have any.
+    pub heat: bool,
+    /// SSIM that levels of detail keep, as a share of the finest level's.
+    pub detail_target: f64,
     /// Where measurements are written; nowhere: none are made.
     pub measurements: Option<PathBuf>,
     measurement: Option<Measurement>,
@@ -104,6 +109,8 @@ impl Viewer {
             governor: None,
             comfort,
             playback: None,
+            heat: false,
+            detail_target: Tuning::default().target,
             measurements: None,
             measurement: None,
             hidden: HiddenArea::default(),
@@ -341,7 +348,8 @@ impl Viewer {
         }
         if let Some(detail) = &mut content.detail {
             let ease = self.governor.as_ref().map_or(0.0, Governor::detail_ease);
-            detail.advance(&views, since.as_secs_f64(), ease, Tuning::default());
+            let tuning = Tuning { target: self.detail_target, ..Tuning::default() };
+            detail.advance(&views, since.as_secs_f64(), ease, tuning);
         }
         let frame_of_sequence = match (&mut content.sequence, &self.playback) {
             (Some(sequence), Some(playback)) => {
@@ -375,7 +383,10 @@ impl Viewer {
         let order = if on_processor { sorter.wait_for(used) } else { sorter.newest().0 };
         times.order = clock.lap();
         let mut target = headset.target()?;
-        if headset.takes_depth() {
+        let heat = self.heat && config.sorter != Sorter::Stochastic;
+        self.renderer.show_layers(heat.then_some(HOTTEST_LAYERS))?;
+        // Colours that stand for layers are shifted by nothing.
+        if headset.takes_depth() && !heat {
             let missed = !config.knows_depth();
             if missed && !self.depth_missed {
                 log::warn!(

@@ -6,8 +6,9 @@ use motes_app::headset::{PANEL_SIZE, Pose};
 
 /// Turns a quad's front, +z, upwards.
 const FACING_UP: [f32; 4] = [-std::f32::consts::FRAC_1_SQRT_2, 0.0, 0.0, std::f32::consts::FRAC_1_SQRT_2];
-/// Width of the ring that shows where a jump lands, metres.
+/// Width of the ring that shows where a jump lands, and of those along the arc that leads there, metres.
 const LANDING_WIDTH: f32 = 0.6;
+const DOT_WIDTH: f32 = 0.04;
 /// How far in front of the eyes the dark rim is, metres.
 const RIM_DISTANCE: f32 = 0.5;
 /// What the rim leaves clear, degrees from the middle: at no strength, and at full.
@@ -28,6 +29,13 @@ impl Viewer {
                     size: [LANDING_WIDTH; 2],
                     follows_head: false,
                 };
+                count += 1;
+            }
+            for place in locomotion.arc().into_iter().flatten() {
+                // Seen from the front from wherever one looks.
+                let pose = Pose { position: place.to_array().map(|v| v as f32), ..self.head };
+                let size = [DOT_WIDTH; 2];
+                quads[count] = Quad { surface: Surface::Landing, pose, size, follows_head: false };
                 count += 1;
             }
             let rim = locomotion.vignette() as f32;

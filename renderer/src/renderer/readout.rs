@@ -1,0 +1,341 @@
+//! Passes that read what the splats left in the second colour attachment, into an image of the caller's: depth, or layers
+//! as colours.
+
+use super::frame_data::is_srgb;
+use super::{DepthTarget, DrawRequest, Renderer, call};
+use crate::gpu::{Gpu, GpuError};
+use crate::passes::{PassKey, Passes};
+use crate::shader::{Module, specialization_entries};
+use ash::vk;
+use motes_shaders::layout::Specialization;
+use motes_shaders::modules;
+use std::collections::HashMap;
+use std::sync::Arc;
+
+/// What is read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) enum Readout {
+    /// The median depth, into a depth image.
+    Depth,
+    /// How many layers were shaded, as colours into the shown image.
+    Layers,
+}
+
+/// What a pass and its pipeline depend on.
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+struct Key {
+    what: Readout,
+    format: vk::Format,
+    layout: vk::ImageLayout,
+    view_mask: u32,
+}
+
+/// The image that a pass writes.
+struct Output {
+    view: vk::ImageView,
+    format: vk::Format,
+    size: [u32; 2],
+    layout: vk::ImageLayout,
+}
+
+/// The passes, made on first use.
+pub(super) struct Readouts {
+    gpu: Arc<Gpu>,
+    passes: HashMap<Key, (vk::RenderPass, vk::Pipeline)>,
+    framebuffers: HashMap<(vk::RenderPass, vk::ImageView), vk::Framebuffer>,
+}
+
+impl Readouts {
+    pub fn new(gpu: &Arc<Gpu>) -> Self {
+        Self { gpu: gpu.clone(), passes: HashMap::new(), framebuffers: HashMap::new() }
+    }
+
+    /// Destroys framebuffers. The device must be idle.
+    pub fn forget_framebuffers(&mut self) {
+        for (_, framebuffer) in self.framebuffers.drain() {
+            // SAFETY: the device is idle.
+            unsafe { self.gpu.device().destroy_framebuffer(framebuffer, None) };
+        }
+    }
+
+    fn pass(&mut self, passes: &Passes, key: Key) -> Result<(vk::RenderPass, vk::Pipeline), GpuError> {
+        if let Some(made) = self.passes.get(&key) {
+            return Ok(*made);
+        }
+        let attachments = [vk::AttachmentDescription::default()
+            .format(key.format)
+            .samples(vk::SampleCountFlags::TYPE_1)
+            .load_op(vk::AttachmentLoadOp::DONT_CARE)
+            .store_op(vk::AttachmentStoreOp::STORE)
+            .stencil_load_op(vk::AttachmentLoadOp::DONT_CARE)
+            .stencil_store_op(vk::AttachmentStoreOp::DONT_CARE)
+            .initial_layout(vk::ImageLayout::UNDEFINED)
+            .final_layout(key.layout)];
+        let depth = key.what == Readout::Depth;
+        let (used, stages, reads, writes) = if depth {
+            (
+                vk::ImageLayout::DEPTH_STENCIL_ATTACHMENT_OPTIMAL,
+                vk::PipelineStageFlags::EARLY_FRAGMENT_TESTS | vk::PipelineStageFlags::LATE_FRAGMENT_TESTS,
+                vk::AccessFlags::DEPTH_STENCIL_ATTACHMENT_READ,
+                vk::AccessFlags::DEPTH_STENCIL_ATTACHMENT_WRITE,
+            )
+        } else {
+            (
+                vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL,
+                vk::PipelineStageFlags::COLOR_ATTACHMENT_OUTPUT,
+                vk::AccessFlags::COLOR_ATTACHMENT_READ,
+                vk::AccessFlags::COLOR_ATTACHMENT_WRITE,
+            )
+        };
+        let written = [vk::AttachmentReference { attachment: 0, layout: used }];
+        let subpass = vk::SubpassDescription::default().pipeline_bind_point(vk::PipelineBindPoint::GRAPHICS);
+        let subpasses = [if depth {
+            subpass.depth_stencil_attachment(&written[0])
+        } else {
+            subpass.color_attachments(&written)
+        }];
+        let transfer = vk::PipelineStageFlags::TRANSFER;
+        let dependencies = [
+            // What is read is visible by the pass before, or by the barrier. This image's last use is over.
+            vk::SubpassDependency::default()
+                .src_subpass(vk::SUBPASS_EXTERNAL)
+                .dst_subpass(0)
+                .src_stage_mask(stages | transfer)
+                .dst_stage_mask(stages)
+                .src_access_mask(writes)
+                .dst_access_mask(reads | writes),
+            vk::SubpassDependency::default()
+                .src_subpass(0)
+                .dst_subpass(vk::SUBPASS_EXTERNAL)
+                .src_stage_mask(stages)
+                .dst_stage_mask(transfer | vk::PipelineStageFlags::BOTTOM_OF_PIPE)
+                .src_access_mask(writes)
+                .dst_access_mask(vk::AccessFlags::TRANSFER_READ),
+        ];
+        let masks = [key.view_mask];
+        let mut multiview = vk::RenderPassMultiviewCreateInfo::default().view_masks(&masks);
+        let mut info = vk::RenderPassCreateInfo::default()
+            .attachments(&attachments)
+            .subpasses(&subpasses)
+            .dependencies(&dependencies);
+        if key.view_mask != 0 {
+            info = info.push_next(&mut multiview);
+        }
+        // SAFETY: `info` is complete and lives until the call returns.
+        let pass = call(unsafe { self.gpu.device().create_render_pass(&info, None) }, "vkCreateRenderPass")?;
+        let fragment = match (key.what, key.view_mask) {
+            (Readout::Depth, 0) => modules::MEDIAN_DEPTH_FRAG,
+            (Readout::Depth, _) => modules::MEDIAN_DEPTH_FRAG_MULTIVIEW,
+            (Readout::Layers, 0) => modules::LAYERS_FRAG,
+            (Readout::Layers, _) => modules::LAYERS_FRAG_MULTIVIEW,
+        };
+        let write =
+            [vk::PipelineColorBlendAttachmentState::default()
+                .color_write_mask(vk::ColorComponentFlags::RGBA)];
+        let over = OverImage {
+            shaders: [modules::FULLSCREEN_VERT, fragment],
+            pass,
+            layout: passes.layout,
+            depth: vk::PipelineDepthStencilStateCreateInfo::default()
+                .depth_test_enable(depth)
+                .depth_write_enable(depth)
+                .depth_compare_op(vk::CompareOp::ALWAYS),
+            writes: if depth { &[] } else { &write },
+        };
+        match over.pipeline(&self.gpu, passes.cache(), &Specialization::default()) {
+            Ok(pipeline) => {
+                self.passes.insert(key, (pass, pipeline));
+                Ok((pass, pipeline))
+            }
+            Err(error) => {
+                // SAFETY: nothing was made of the pass.
+                unsafe { self.gpu.device().destroy_render_pass(pass, None) };
+                Err(error)
+            }
+        }
+    }
+
+    fn framebuffer(
+        &mut self,
+        pass: vk::RenderPass,
+        output: vk::ImageView,
+        size: [u32; 2],
+    ) -> Result<vk::Framebuffer, GpuError> {
+        if let Some(framebuffer) = self.framebuffers.get(&(pass, output)) {
+            return Ok(*framebuffer);
+        }
+        let views = [output];
+        let info = vk::FramebufferCreateInfo::default()
+            .render_pass(pass)
+            .attachments(&views)
+            .width(size[0])
+            .height(size[1])
+            .layers(1);
+        // SAFETY: pass and view are alive.
+        let made = call(unsafe { self.gpu.device().create_framebuffer(&info, None) }, "vkCreateFramebuffer")?;
+        self.framebuffers.insert((pass, output), made);
+        Ok(made)
+    }
+}
+
+impl Drop for Readouts {
+    fn drop(&mut self) {
+        self.forget_framebuffers();
+        let device = self.gpu.device();
+        // SAFETY: the renderer that owns this has waited for its frames.
+        unsafe {
+            for (pass, pipeline) in self.passes.values() {
+                device.destroy_pipeline(*pipeline, None);
+                device.destroy_render_pass(*pass, None);
+            }
+        }
+    }
+}
+
+/// A pipeline that draws one triangle over the whole image, in the first subpass.
+pub(super) struct OverImage<'a> {
+    pub shaders: [&'static [u32]; 2],
+    pub pass: vk::RenderPass,
+    pub layout: vk::PipelineLayout,
+    pub depth: vk::PipelineDepthStencilStateCreateInfo<'a>,
+    pub writes: &'a [vk::PipelineColorBlendAttachmentState],
+}
+
+impl OverImage<'_> {
+    pub fn pipeline(
+        &self,
+        gpu: &Arc<Gpu>,
+        cache: vk::PipelineCache,
+        specialization: &Specialization,
+    ) -> Result<vk::Pipeline, GpuError> {
+        let [vertex, fragment] = self.shaders;
+        let (vertex, fragment) = (Module::new(gpu, vertex)?, Module::new(gpu, fragment)?);
+        let entries = specialization_entries();
+        let constants =
+            vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::bytes_of(specialization));
+        let stages = [
+            vertex.stage(vk::ShaderStageFlags::VERTEX).specialization_info(&constants),
+            fragment.stage(vk::ShaderStageFlags::FRAGMENT).specialization_info(&constants),
+        ];
+        let input = vk::PipelineVertexInputStateCreateInfo::default();
+        let assembly = vk::PipelineInputAssemblyStateCreateInfo::default()
+            .topology(vk::PrimitiveTopology::TRIANGLE_LIST);
+        let viewport = vk::PipelineViewportStateCreateInfo::default().viewport_count(1).scissor_count(1);
+        let raster = vk::PipelineRasterizationStateCreateInfo::default()
+            .polygon_mode(vk::PolygonMode::FILL)
+            .cull_mode(vk::CullModeFlags::NONE)
+            .line_width(1.0);
+        let samples = vk::PipelineMultisampleStateCreateInfo::default()
+            .rasterization_samples(vk::SampleCountFlags::TYPE_1);
+        let blending = vk::PipelineColorBlendStateCreateInfo::default().attachments(self.writes);
+        let dynamic = [vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR];
+        let dynamic = vk::PipelineDynamicStateCreateInfo::default().dynamic_states(&dynamic);
+        let info = vk::GraphicsPipelineCreateInfo::default()
+            .stages(&stages)
+            .vertex_input_state(&input)
+            .input_assembly_state(&assembly)
+            .viewport_state(&viewport)
+            .rasterization_state(&raster)
+            .multisample_state(&samples)
+            .depth_stencil_state(&self.depth)
+            .color_blend_state(&blending)
+            .dynamic_state(&dynamic)
+            .layout(self.layout)
+            .render_pass(self.pass)
+            .subpass(0);
+        // SAFETY: everything that `info` points to lives until the call returns.
+        let made = unsafe { gpu.device().create_graphics_pipelines(cache, &[info], None) };
+        Ok(call(made.map_err(|(_, e)| e), "vkCreateGraphicsPipelines")?[0])
+    }
+}
+
+impl Renderer {
+    /// Records what is read out of a pass: its depth where that is asked for, its layers where they are to be seen.
+    pub(super) fn record_readouts(
+        &mut self,
+        slot: usize,
+        request: &DrawRequest<'_>,
+        pass: PassKey,
+        layer: Option<usize>,
+    ) -> Result<(), GpuError> {
+        let target = request.target;
+        if let (Some(DepthTarget { all, layers, format, size, layout }), true) = (target.depth, pass.median) {
+            let output = Output { view: layer.map_or(all, |l| layers[l]), format, size, layout };
+            self.record_readout(slot, Readout::Depth, pass, &output, [0, 0])?;
+        }
+        if let (Some(most), true) = (self.shown_layers, pass.count) {
+            if let Some(second) = self.attachments.as_ref().and_then(|a| a.second.as_ref()) {
+                let layouts =
+                    [vk::ImageLayout::TRANSFER_SRC_OPTIMAL, vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL];
+                let written = (
+                    vk::PipelineStageFlags::COLOR_ATTACHMENT_OUTPUT,
+                    vk::AccessFlags::COLOR_ATTACHMENT_WRITE,
+                );
+                let read = (vk::PipelineStageFlags::FRAGMENT_SHADER, vk::AccessFlags::SHADER_READ);
+                let image = (second.raw(), second.description().layers);
+                // SAFETY: recorded outside of a pass; the image is alive until the frame is done.
+                unsafe { self.gpu.change_layout(self.slots[slot].commands, image, layouts, written, read) };
+            }
+            let view = layer.map_or(target.all, |l| target.layers[l]);
+            let output = Output { view, format: target.format, size: target.size, layout: target.layout };
+            let push = [most.to_bits(), u32::from(is_srgb(target.format))];
+            self.record_readout(slot, Readout::Layers, pass, &output, push)?;
+        }
+        Ok(())
+    }
+
+    fn record_readout(
+        &mut self,
+        slot: usize,
+        what: Readout,
+        pass: PassKey,
+        output: &Output,
+        own: [u32; 2],
+    ) -> Result<(), GpuError> {
+        let second = self.attachments.as_ref().and_then(|a| a.second.as_ref());
+        let Some(second) = second.map(|image| image.array_view()) else { return Ok(()) };
+        let key = Key { what, format: output.format, layout: output.layout, view_mask: pass.view_mask };
+        let (render_pass, pipeline) = self.readouts.pass(&self.passes, key)?;
+        let framebuffer = self.readouts.framebuffer(render_pass, output.view, output.size)?;
+        let set = self.allocate_set(slot, 3)?;
+        let info = [vk::DescriptorImageInfo {
+            sampler: self.upscaler.sampler(),
+            image_view: second,
+            image_layout: vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL,
+        }];
+        let write = vk::WriteDescriptorSet { dst_set: set, ..Default::default() }
+            .dst_binding(1)
+            .descriptor_type(vk::DescriptorType::COMBINED_IMAGE_SAMPLER)
+            .image_info(&info);
+        let [width, height] = output.size;
+        let area = vk::Rect2D { offset: vk::Offset2D::default(), extent: vk::Extent2D { width, height } };
+        let [width, height] = output.size.map(|side| side as f32);
+        let viewport = vk::Viewport { width, height, max_depth: 1.0, ..Default::default() };
+        let begin = vk::RenderPassBeginInfo::default()
+            .render_pass(render_pass)
+            .framebuffer(framebuffer)
+            .render_area(area);
+        // Where each eye is drawn by itself, the second attachment holds that eye alone.
+        let push = [width.to_bits(), height.to_bits(), 0, own[0], own[1]];
+        let commands = self.slots[slot].commands;
+        let graphics = vk::PipelineBindPoint::GRAPHICS;
+        let (layout, stages) = (self.passes.layout, self.passes.push_stages());
+        let device = self.gpu.device();
+        // SAFETY: every handle is alive until the frame is done; the set is not in use by the device.
+        unsafe {
+            device.update_descriptor_sets(&[write], &[]);
+            device.cmd_begin_render_pass(commands, &begin, vk::SubpassContents::INLINE);
+            device.cmd_set_viewport(commands, 0, &[viewport]);
+            device.cmd_set_scissor(commands, 0, &[area]);
+            device.cmd_bind_descriptor_sets(commands, graphics, layout, 3, &[set], &[]);
+            device.cmd_bind_pipeline(commands, graphics, pipeline);
+            device.cmd_push_constants(commands, layout, stages, 0, bytemuck::cast_slice(&push));
+            device.cmd_draw(commands, 3, 1, 0, 0);
+            device.cmd_end_render_pass(commands);
+        }
+        let report = &mut self.slots[slot].report;
+        report.draws += 1;
+        report.passes += 1;
+        Ok(())
+    }
+}
