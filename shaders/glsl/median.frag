@@ -10,7 +10,7 @@ layout(set = 2, binding = 6, std430) readonly buffer Visible { uint visible[]; }
 layout(set = 2, binding = 7, std430) readonly buffer Depths { uint depths[]; }; // bin, view, tile
 layout(input_attachment_index = 0, set = 3, binding = 0) uniform subpassInput accumulated;
 layout(input_attachment_index = 1, set = 3, binding = 1) uniform subpassInput before;
-layout(push_constant) uniform Push { uint batch; uint view; uint first; } push;
+layout(push_constant) uniform Push { uint batch; uint view; uint first; uint width; uint height; } push; // of what is rendered
 // Near over the median depth, 0 as long as it is not known; what was covered at this look.
 layout(location = 1) out vec2 median;
 
@@ -48,7 +48,8 @@ float closeness_at(uint first, uint end, uint row, float part, float due) {
 }
 
 void main() {
-    vec2 known = subpassLoad(before).rg;
+    // Nothing stands there before the first look.
+    vec2 known = push.first > 0u ? subpassLoad(before).rg : vec2(0.0);
     if (known.r > 0.0) discard;
     float covered = subpassLoad(accumulated).a;
     median = vec2(0.0, covered);
@@ -62,7 +63,7 @@ void main() {
     // Halvings of the light, before and after: it crosses 1.
     vec2 halvings = -log2(max(1.0 - vec2(known.g, covered), vec2(1e-6)));
     float part = clamp((1.0 - halvings.x) / max(halvings.y - halvings.x, 1e-6), 0.0, 1.0);
-    vec2 place = gl_FragCoord.xy / view.image.zw;
+    vec2 place = gl_FragCoord.xy / vec2(push.width, push.height);
     uvec2 tile = min(uvec2(place * float(TILE_SIDE)), uvec2(TILE_SIDE - 1u));
     uint row = eye_index * TILES + tile.y * TILE_SIDE + tile.x;
     uint batches = frame.counts.y;

@@ -7,7 +7,7 @@ layout(push_constant) uniform Push { uint batch; uint view; uint first; } push;
 
 void main() {
     vec2 p = vec2((gl_VertexIndex << 1) & 2, gl_VertexIndex & 2);
-    // Batches without splats have changed nothing.
-    bool empty = plan.starts[push.first] == plan.starts[push.batch + 1u];
+    // Batches without splats have changed nothing. The first look is taken in any case: it writes what the next ones read.
+    bool empty = push.first > 0u && plan.starts[push.first] == plan.starts[push.batch + 1u];
     gl_Position = empty ? vec4(2.0, 2.0, 0.0, 1.0) : vec4(2.0 * p - 1.0, 0.0, 1.0);
 }

@@ -574,7 +574,7 @@ fn hands_and_buttons_do_what_is_specified() {
 
         // The panel's own button, clicked: exit.
         remote.hands[1].squeeze = 0.0;
-        remote.hands[1].pose = RemotePose::at([0.324, 1.48 + 0.3807, -0.3]);
+        remote.hands[1].pose = RemotePose::at([0.324, 1.48 + 0.4257, -0.3]);
         session.remote.send(&remote);
         session.until("pointed at exit", |s| {
             s.viewer.panel_events().pointer.is_some_and(|[u, v]| u > 0.9 && v < 0.1)

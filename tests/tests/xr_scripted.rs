@@ -3,7 +3,7 @@
 
 use ash::vk;
 use motes_app::headset::menu::HOTTEST_LAYERS;
-use motes_app::headset::{Comfort, Eye, EyeFov, Input, Pose};
+use motes_app::headset::{Comfort, Eye, EyeFov, HandInput, Input, Pose};
 use motes_app::opened::Opened;
 use motes_renderer::gpu::Gpu;
 use motes_renderer::{Offscreen, Packing, Precision, RenderConfig, SceneOnDevice, ShPrecision};
@@ -18,7 +18,7 @@ use std::sync::Arc;
 const PACKING: Packing = Packing { precision: Precision::F32, sh_precision: ShPrecision::F32, sh_degree: 0 };
 
 /// As many frames as are asked for.
-fn headset(gpu: &Arc<Gpu>, frames: i64) -> ScriptedHeadset {
+fn script(frames: i64) -> Script {
     let period = 1_000_000_000 / 72;
     let eye = |x| Eye {
         pose: Pose { position: [x, 1.6, 0.3], ..Pose::default() },
@@ -35,7 +35,11 @@ fn headset(gpu: &Arc<Gpu>, frames: i64) -> ScriptedHeadset {
         }))
     };
     let images = EyeImages { size: [64, 64], format: vk::Format::R8G8B8A8_UNORM };
-    ScriptedHeadset::new(gpu, Script { images, steps: (0..frames).map(step).collect() }).unwrap()
+    Script { images, steps: (0..frames).map(step).collect() }
+}
+
+fn headset(gpu: &Arc<Gpu>, frames: i64) -> ScriptedHeadset {
+    ScriptedHeadset::new(gpu, script(frames)).unwrap()
 }
 
 /// A generated scene, by way of a file.
@@ -134,4 +138,34 @@ fn layers_are_seen_in_the_headset() {
         seen.push(pictures);
     }
     assert!(seen[0] == seen[2] && seen[0] != seen[1]);
+}
+
+#[test]
+fn where_the_eyes_were_is_known_without_a_device() {
+    let gpu = TestGpu::new();
+    let opened = opened();
+    let mut script = script(40);
+    // Walks, turns and jumps, looking at the panel in between.
+    for (i, step) in script.steps.iter_mut().enumerate() {
+        let ScriptStep::Frame(frame) = step else { continue };
+        let aim = Pose { position: [0.2, 1.2, 0.0], ..Pose::default() };
+        frame.input.hands[1] = HandInput { aim: Some(aim), ..HandInput::default() };
+        frame.input.walk = if (3..15).contains(&i) { [0.3, 1.0] } else { [0.0; 2] };
+        frame.input.turn = if (17..20).contains(&i) { 1.0 } else { 0.0 };
+        frame.input.teleport = (25..28).contains(&i);
+        frame.input.panel = i == 12 || i == 30;
+    }
+    let content = Content::new(&gpu, &opened, PACKING).unwrap();
+    let views = script.views(&content.scene_to_world, &content.first_view, &Comfort::default());
+    let mut headset = ScriptedHeadset::new(&gpu, script).unwrap();
+    let mut viewer = Viewer::new(&headset, RenderConfig::default(), Comfort::default()).unwrap();
+    viewer.show(content).unwrap();
+    for (i, expected) in views.iter().enumerate() {
+        assert_eq!(viewer.step(&mut headset).unwrap(), None);
+        assert_eq!(viewer.last_frame().unwrap().views, *expected, "frame {i}");
+    }
+    assert_eq!((views.len(), viewer.frames()), (40, 40));
+    assert!(
+        (views[39][0].eye - views[0][0].eye).length() > 1.0 && views[39][0].rotation != views[0][0].rotation
+    );
 }

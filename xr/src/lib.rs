@@ -12,6 +12,7 @@ mod script;
 mod shelf;
 mod show;
 mod viewer;
+mod walk;
 
 pub use content::{About, Content, FirstView};
 pub use error::XrError;

@@ -10,7 +10,7 @@ use motes_renderer::{FrameReport, PRESETS};
 use motes_scenes::settings::{Axis, Orientation, Settings};
 
 /// Size of the panel's picture, pixels: 0.75 mm a pixel, so that text of 16 points is 24 mm high at two pixels a point.
-pub const MENU_SIZE: [u32; 2] = [960, 1080];
+pub const MENU_SIZE: [u32; 2] = [960, 1200];
 /// Pixels of the picture in a point of egui's.
 pub const PIXELS_PER_POINT: f32 = 2.0;
 

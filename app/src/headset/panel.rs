@@ -8,7 +8,7 @@ use glam::{DQuat, DVec3};
 const DISTANCE: f64 = 1.0;
 const DROP: f64 = 0.12;
 /// Width and height, metres.
-pub const PANEL_SIZE: [f64; 2] = [0.72, 0.81];
+pub const PANEL_SIZE: [f64; 2] = [0.72, 0.9];
 /// The panel button, held as long, ends the session.
 const EXIT_SECONDS: f64 = 1.5;
 
@@ -168,7 +168,7 @@ mod tests {
         let mut panel = opened();
         let comfort = Comfort::default();
         let at = |x: f32, y: f32, select| pointing([x, y, 0.2], select);
-        let events = panel.update(&at(0.18, 1.5 + 0.2025, false), &HEAD, &comfort, 0.01);
+        let events = panel.update(&at(0.18, 1.5 + 0.225, false), &HEAD, &comfort, 0.01);
         let [u, v] = events.pointer.unwrap();
         assert!((u - 0.75).abs() < 1e-6 && (v - 0.25).abs() < 1e-6, "{u} {v}");
         assert!(panel.busy()[1] && !events.pressed);

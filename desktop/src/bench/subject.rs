@@ -5,10 +5,12 @@ use std::sync::Arc;
 
 use glam::DMat3;
 use motes_app::framing::Framing;
+use motes_app::headset::Comfort;
 use motes_app::opened::Opened;
 use motes_renderer::{Fov, View};
 use motes_scenes::cameras::{self, Camera};
 use motes_scenes::{LoadOptions, Splats};
+use motes_xr::{FirstView, Script};
 
 use super::BenchError;
 use crate::shots::{Shot, resized};
@@ -73,6 +75,8 @@ pub struct Wanted<'a> {
     pub views: Option<&'a Views>,
     /// Size of pictures; a camera's own, where it has one.
     pub size: Option<[u32; 2]>,
+    /// A recorded headset session: views are what its left eye saw, so many as are automatic, evenly spread.
+    pub session: Option<&'a Path>,
     /// Views of a scene for which no camera is named.
     pub automatic: usize,
     /// Adds a wide view of every scene, for the named experiment.
@@ -109,7 +113,10 @@ pub fn subjects(wanted: &Wanted<'_>) -> Result<Vec<Subject>, BenchError> {
         while subjects.iter().any(|s| s.name == name) {
             name.push('′');
         }
-        let views = views(&opened, &cameras, wanted);
+        let views = match wanted.session {
+            Some(session) => walked(&opened, session, wanted)?,
+            None => views(&opened, &cameras, wanted),
+        };
         if let (Some(only), Some(first)) = (wanted.wide, views.first()) {
             let wide = Shot { name: "wide".to_owned(), view: wide(&first.view), time: first.time };
             let name = format!("{name} (headset's field of view)");
@@ -212,6 +219,27 @@ fn views(opened: &Opened, cameras: &[Camera], wanted: &Wanted<'_>) -> Vec<Shot> 
         .collect()
 }
 
+/// What the left eye of a recorded session saw.
+fn walked(opened: &Opened, session: &Path, wanted: &Wanted<'_>) -> Result<Vec<Shot>, BenchError> {
+    let refuse = |problem: String| BenchError::File { path: session.to_owned(), problem };
+    let script = Script::read(session).map_err(|e| refuse(e.to_string()))?;
+    let framing = Framing::of(&opened.scene.splats, &opened.settings);
+    let first = FirstView::of(opened, &framing);
+    let all = script.views(&opened.settings.scene_to_world(), &first, &Comfort::default());
+    if all.is_empty() {
+        return Err(refuse("no frame of the session shows a scene".into()));
+    }
+    let count = wanted.automatic.clamp(1, all.len());
+    let time = opened.scene.splats.motion.as_ref().map(|_| 0.5);
+    let shot = |i: usize| {
+        let at = i * (all.len() - 1) / (count - 1).max(1);
+        let [left, _] = all[at];
+        let view = wanted.size.map_or(left, |size| resized(&left, size));
+        Shot { name: format!("frame {at}"), view, time }
+    };
+    Ok((0..count).map(shot).collect())
+}
+
 /// The same eye with a headset's field of view, turned aside.
 fn wide(view: &View) -> View {
     View { rotation: DMat3::from_rotation_y(ASIDE) * view.rotation, fov: HEADSET, ..*view }
@@ -235,8 +263,14 @@ mod tests {
 
     #[test]
     fn the_sample_is_looked_at_where_nothing_is_named() {
-        let wanted =
-            Wanted { scenes: &[], views: None, size: Some([64, 48]), automatic: 3, wide: Some("projection") };
+        let wanted = Wanted {
+            scenes: &[],
+            views: None,
+            session: None,
+            size: Some([64, 48]),
+            automatic: 3,
+            wide: Some("projection"),
+        };
         let subjects = subjects(&wanted).unwrap();
         assert_eq!(subjects.len(), 2);
         assert_eq!((subjects[0].views.len(), subjects[1].views.len()), (3, 1));
@@ -251,9 +285,59 @@ mod tests {
     }
 
     #[test]
+    fn a_recorded_session_says_from_where() {
+        use motes_app::headset::{Eye, EyeFov, Input, Pose};
+        use motes_xr::{EyeImages, FrameTime, ScriptFrame, ScriptStep};
+        let eye = |x: f32| Eye {
+            pose: Pose { position: [x, 1.6, 0.0], ..Pose::default() },
+            fov: EyeFov { left: -0.8, right: 0.7, up: 0.8, down: -0.8 },
+        };
+        // A step of 10 cm to the right a frame.
+        let frame = |i: i64| {
+            let at = 0.1 * i as f32;
+            ScriptStep::Frame(Box::new(ScriptFrame {
+                time: FrameTime { display_time: i, period: 1, should_render: true, focused: true },
+                input: Input::default(),
+                eyes: Some([eye(at - 0.032), eye(at + 0.032)]),
+                order: None,
+                hidden: None,
+            }))
+        };
+        let images = EyeImages { size: [64, 48], format: ash::vk::Format::R8G8B8A8_SRGB };
+        let session = std::env::temp_dir().join(format!("motes-walk-{}.jsonl", std::process::id()));
+        Script { images, steps: (0..9).map(frame).collect() }.write(&session).unwrap();
+        let mut wanted = Wanted {
+            scenes: &[],
+            views: None,
+            session: Some(&session),
+            size: None,
+            automatic: 3,
+            wide: None,
+        };
+        let seen = subjects(&wanted).unwrap();
+        let views = &seen[0].views;
+        assert_eq!(views.iter().map(|v| &*v.name).collect::<Vec<_>>(), ["frame 0", "frame 4", "frame 8"]);
+        let right = views[0].view.rotation.row(0);
+        for pair in views.windows(2) {
+            let moved = pair[1].view.eye - pair[0].view.eye;
+            assert!((moved - 0.4 * right).length() < 1e-5 && pair[0].view.size == [64, 48], "{moved}");
+        }
+        std::fs::remove_file(&session).unwrap();
+        wanted.automatic = 1;
+        assert!(subjects(&wanted).err().unwrap().to_string().contains("motes-walk"));
+    }
+
+    #[test]
     fn what_is_not_there_is_named() {
         let missing = Views { path: "no/such.json".into(), names: vec![] };
-        let wanted = Wanted { scenes: &[], views: Some(&missing), size: None, automatic: 1, wide: None };
+        let wanted = Wanted {
+            scenes: &[],
+            views: Some(&missing),
+            session: None,
+            size: None,
+            automatic: 1,
+            wide: None,
+        };
         assert!(subjects(&wanted).err().unwrap().to_string().contains("no/such.json"));
         let folder = std::env::temp_dir().join(format!("motes-subject-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
@@ -267,7 +351,8 @@ mod tests {
         std::fs::write(&file, format!("[{}]", one("a", "\"inputs\":[\"gone.ply\"],"))).unwrap();
         let error = |text: String, scenes: &[PathBuf]| {
             let views: Views = text.parse().unwrap();
-            let wanted = Wanted { scenes, views: Some(&views), size: None, automatic: 1, wide: None };
+            let wanted =
+                Wanted { scenes, views: Some(&views), session: None, size: None, automatic: 1, wide: None };
             subjects(&wanted).err().unwrap().to_string()
         };
         let path = file.display().to_string();

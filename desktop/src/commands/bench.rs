@@ -29,6 +29,10 @@ pub struct BenchArgs {
     /// From where: a file of cameras, and names of some of them
     #[arg(long, value_name = "FILE[:NAME,…]")]
     pub views: Option<Views>,
+    /// From where: what the left eye saw in a recorded headset session (`motes xr --record`), in as many frames as --around
+    /// says
+    #[arg(long, value_name = "FILE", conflicts_with = "views")]
+    pub session: Option<PathBuf>,
     /// Views around each scene, where no cameras are named
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=64))]
     pub around: u16,
@@ -113,6 +117,9 @@ fn command(args: &BenchArgs) -> String {
     if let Some(views) = &args.views {
         words.push(format!("--views {}:{}", name(&views.path), views.names.join(",")));
     }
+    if let Some(session) = &args.session {
+        words.push(format!("--session {} --around {}", name(session), args.around));
+    }
     words.push(format!("--sweep {}", args.sweep.join(",")));
     words.join(" ")
 }
@@ -132,6 +139,7 @@ fn measured(args: &BenchArgs, folder: &std::path::Path, progress: bool) -> Resul
     let wanted = Wanted {
         scenes: &args.scenes,
         views: args.views.as_ref(),
+        session: args.session.as_deref(),
         size: args.size.map(|s| s.0),
         automatic: args.around.into(),
         wide,

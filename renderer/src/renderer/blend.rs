@@ -143,7 +143,7 @@ impl Renderer {
                     self.passes.blended_to_marks(commands, pass);
                 }
                 if let Some(follow) = follow {
-                    self.record_follow(commands, follow, batch, view);
+                    self.record_follow(commands, follow, batch, view, rendered);
                 }
                 if let Some(mark) = mark {
                     device.cmd_bind_descriptor_sets(commands, graphics, layout, 3, &input_sets[..1], &[]);

@@ -27,6 +27,8 @@ impl RenderConfig {
             && self.expansion == Expansion::Precomputed
             && self.lens == Lens::Perspective
             && self.sorter != Sorter::Stochastic
+            // Two eyes are drawn in one pass.
+            && !self.sort_per_eye
     }
 }
 
@@ -181,8 +183,9 @@ impl Renderer {
         follow: Follow,
         batch: u32,
         view: u32,
+        [width, height]: [u32; 2],
     ) {
-        let push = [batch, view, batch / FOLLOWED_BATCHES * FOLLOWED_BATCHES];
+        let push = [batch, view, batch / FOLLOWED_BATCHES * FOLLOWED_BATCHES, width, height];
         let stages = self.passes.push_stages();
         let device = self.gpu.device();
         let graphics = vk::PipelineBindPoint::GRAPHICS;

@@ -477,9 +477,11 @@ impl Renderer {
             let reason = "sort stochastic blends no layers that could be counted";
             return Err(GpuError::Config(crate::ConfigError(reason.into())));
         }
-        if target.depth.is_some() && (self.count_layers || !config.knows_depth()) {
-            let reason = "depth is known to frames of composite early-stop and expansion precomputed, sorted, through lens \
-                          perspective, and where layers are not counted; leave the depth image away";
+        let blind = self.count_layers || !config.knows_depth() || views.len() == 2 && !multiview;
+        if target.depth.is_some() && blind {
+            let reason = "depth is known to frames of composite early-stop and expansion precomputed, sorted for both eyes, \
+                          which are drawn in one pass, through lens perspective, and where layers are not counted; leave the \
+                          depth image away";
             return Err(GpuError::Config(crate::ConfigError(reason.into())));
         }
         self.write_parts(frame.slot, request.scene)?;
@@ -574,7 +576,7 @@ impl Renderer {
                 &sets,
                 reduction,
             )?;
-            self.record_readouts(frame.slot, request, pass, layer)?;
+            self.record_readouts(frame.slot, request, pass, layer, &reduction.resolution)?;
         }
         if let Some(workspace) = &mut self.workspace
             && config.expansion == Expansion::Precomputed

@@ -5,6 +5,7 @@ use super::frame_data::is_srgb;
 use super::{DepthTarget, DrawRequest, Renderer, call};
 use crate::gpu::{Gpu, GpuError};
 use crate::passes::{PassKey, Passes};
+use crate::resolution::Resolution;
 use crate::shader::{Module, specialization_entries};
 use ash::vk;
 use motes_shaders::layout::Specialization;
@@ -250,18 +251,23 @@ impl OverImage<'_> {
 }
 
 impl Renderer {
-    /// Records what is read out of a pass: its depth where that is asked for, its layers where they are to be seen.
+    /// Records what is read out of a pass at a resolution: its depth where that is asked for, its layers where they are to be
+    /// seen.
     pub(super) fn record_readouts(
         &mut self,
         slot: usize,
         request: &DrawRequest<'_>,
         pass: PassKey,
         layer: Option<usize>,
+        resolution: &Resolution,
     ) -> Result<(), GpuError> {
         let target = request.target;
+        // The last rendered pixels may reach beyond the shown image.
+        let covered = resolution.covered();
+        let covered = [0, 1].map(|i| (covered[i] / f64::from(resolution.shown[i])) as f32);
         if let (Some(DepthTarget { all, layers, format, size, layout }), true) = (target.depth, pass.median) {
             let output = Output { view: layer.map_or(all, |l| layers[l]), format, size, layout };
-            self.record_readout(slot, Readout::Depth, pass, &output, [0, 0])?;
+            self.record_readout(slot, Readout::Depth, pass, &output, covered, [0, 0])?;
         }
         if let (Some(most), true) = (self.shown_layers, pass.count) {
             if let Some(second) = self.attachments.as_ref().and_then(|a| a.second.as_ref()) {
@@ -279,7 +285,7 @@ impl Renderer {
             let view = layer.map_or(target.all, |l| target.layers[l]);
             let output = Output { view, format: target.format, size: target.size, layout: target.layout };
             let push = [most.to_bits(), u32::from(is_srgb(target.format))];
-            self.record_readout(slot, Readout::Layers, pass, &output, push)?;
+            self.record_readout(slot, Readout::Layers, pass, &output, covered, push)?;
         }
         Ok(())
     }
@@ -290,6 +296,7 @@ impl Renderer {
         what: Readout,
         pass: PassKey,
         output: &Output,
+        covered: [f32; 2],
         own: [u32; 2],
     ) -> Result<(), GpuError> {
         let second = self.attachments.as_ref().and_then(|a| a.second.as_ref());
@@ -316,7 +323,8 @@ impl Renderer {
             .framebuffer(framebuffer)
             .render_area(area);
         // Where each eye is drawn by itself, the second attachment holds that eye alone.
-        let push = [width.to_bits(), height.to_bits(), 0, own[0], own[1]];
+        let size = [width * covered[0], height * covered[1]].map(f32::to_bits);
+        let push = [size[0], size[1], 0, own[0], own[1]];
         let commands = self.slots[slot].commands;
         let graphics = vk::PipelineBindPoint::GRAPHICS;
         let (layout, stages) = (self.passes.layout, self.passes.push_stages());

@@ -29,6 +29,10 @@ impl Depth {
         if !(runtime.options.depth_layer && runtime.optional().depth_layer) {
             return Ok(None);
         }
+        if !gpu.capabilities.multiview {
+            log::warn!("no multiview: the compositor is not told how far away pixels are");
+            return Ok(None);
+        }
         let images = Images::depth(runtime, gpu, session, size)?;
         Ok(images.map(|images| Self { images, near: None }))
     }
