@@ -24,6 +24,8 @@ pub enum Sampling {
     Centers = 0,
     /// At one of the shown pixels in its cell.
     Interleaved = 1,
+    /// The same where every cell holds two: samples are a checkerboard.
+    Checkerboard = 2,
 }
 
 /// What is rendered of what is shown.
@@ -61,11 +63,16 @@ impl Resolution {
             .max(1) as u32;
         Self {
             rendered: [columns, shown[1]],
-            sampling: Sampling::Interleaved,
+            sampling: if pitch == 2 * ONE { Sampling::Checkerboard } else { Sampling::Interleaved },
             pitch,
             step: if config.upscale == Upscale::InterleavedTemporal { step % CYCLE } else { 0 },
             ..whole
         }
+    }
+
+    /// Whether samples lie beside the centres of their pixels.
+    pub fn interleaved(&self) -> bool {
+        self.sampling != Sampling::Centers
     }
 
     /// Whether fewer pixels are rendered than shown.
@@ -77,7 +84,7 @@ impl Resolution {
     pub fn covered(&self) -> [f64; 2] {
         match self.sampling {
             Sampling::Centers => self.shown.map(f64::from),
-            Sampling::Interleaved => {
+            Sampling::Interleaved | Sampling::Checkerboard => {
                 let width = f64::from(self.rendered[0]) * f64::from(self.pitch) / f64::from(ONE);
                 [width, f64::from(self.shown[1])]
             }
@@ -114,7 +121,7 @@ impl Resolution {
     pub fn largest_offset(&self) -> f64 {
         match self.sampling {
             Sampling::Centers => 0.0,
-            Sampling::Interleaved => {
+            Sampling::Interleaved | Sampling::Checkerboard => {
                 let pitch = f64::from(self.pitch) / f64::from(ONE);
                 let uneven = if self.pitch.is_multiple_of(ONE) { 0.0 } else { 0.5 };
                 0.5 * (pitch - 1.0) + uneven

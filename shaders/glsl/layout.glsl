@@ -54,6 +54,7 @@ const uint COMPOSITE_BACK_TO_FRONT = 1;
 const uint COMPOSITE_STOCHASTIC = 2;
 const uint SAMPLING_CENTERS = 0;
 const uint SAMPLING_INTERLEAVED = 1;
+const uint SAMPLING_CHECKERBOARD = 2; // interleaved, every cell of two columns
 const uint LENS_PERSPECTIVE = 0;
 const uint LENS_FISHEYE = 1;
 const uint LENS_EQUIRECTANGULAR = 2;

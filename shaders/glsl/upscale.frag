@@ -9,6 +9,8 @@ layout(location = 0) out vec4 shown;
 layout(set = 3, binding = 2) uniform sampler2DArray history;
 layout(location = 1) out vec4 kept;
 #endif
+// Without it no pixel pays for its neighbours: some devices walk through both sides of a condition.
+layout(constant_id = 18) const bool SHARPEN = false;
 layout(push_constant) uniform Push { vec4 background; uint decode; float sharpen; uint view; } push;
 
 #ifdef MULTIVIEW
@@ -27,6 +29,8 @@ const float NOISE = 6e-5;
 
 vec4 sample_at(int cell, int row) { return texelFetch(rendered, ivec3(cell, row, LAYER), 0); }
 
+int mirrored(int row, int last) { return clamp(row < 0 ? -row : row > last ? 2 * last - row : row, 0, last); }
+
 // The samples of a row at or on both sides of a column, and their distances to it.
 struct Pair {
     vec4 left, right;
@@ -35,8 +39,7 @@ struct Pair {
 
 Pair around(int x, int row) {
     ivec2 last = textureSize(rendered, 0).xy - 1;
-    row = row < 0 ? -row : row > last.y ? 2 * last.y - row : row; // mirrored
-    row = clamp(row, 0, last.y);
+    row = mirrored(row, last.y);
     int cell = int(cell_of(uint(x)));
     int at = int(sample_column(uint(cell), uint(row)));
     int l = at <= x ? cell : cell - 1;
@@ -57,13 +60,19 @@ vec4 between(Pair p) {
     return d > 0.0 ? mix(p.left, p.right, p.to_left / d) : p.left;
 }
 
+// A column's sample in the row above or below a pixel without one. In a checkerboard it is right there.
+vec4 beside(int x, int row) {
+    if (!CHECKERBOARD) return between(around(x, row));
+    return sample_at(int(cell_of(uint(x))), mirrored(row, textureSize(rendered, 0).y - 1));
+}
+
 float squared(vec4 d) { return dot(d, d); }
 
 // Along the row and along the column, each trusted the more the less it changes in its own direction.
 vec4 from_neighbours(ivec2 p, out vec4 low, out vec4 high) {
     Pair row = around(p.x, p.y);
-    vec4 up = between(around(p.x, p.y - 1));
-    vec4 down = between(around(p.x, p.y + 1));
+    vec4 up = beside(p.x, p.y - 1);
+    vec4 down = beside(p.x, p.y + 1);
     vec4 across = between(row);
     low = min(min(row.left, row.right), min(up, down));
     high = max(max(row.left, row.right), max(up, down));
@@ -132,7 +141,7 @@ void main() {
 #ifdef TEMPORAL
     kept = c;
 #endif
-    if (push.sharpen > 0.0) {
+    if (SHARPEN) {
         // Unsharp mask over the four neighbours, held within their range: no halo.
         vec4 l = reconstruct(p - ivec2(1, 0)), r = reconstruct(p + ivec2(1, 0));
         vec4 u = reconstruct(p - ivec2(0, 1)), d = reconstruct(p + ivec2(0, 1));

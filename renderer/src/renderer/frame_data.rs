@@ -75,7 +75,7 @@ pub(super) fn frame_data(
     // Interleaved samples are centres of shown pixels, and the low-pass filter is theirs; else that of the rendered ones.
     let filtered = match resolution.sampling {
         Sampling::Centers => resolution.rendered,
-        Sampling::Interleaved => resolution.shown,
+        Sampling::Interleaved | Sampling::Checkerboard => resolution.shown,
     };
     let row = |v: DVec3, rest: f32| v.as_vec3().extend(rest).to_array();
     let [width, height] = filtered.map(|s| s as f32);

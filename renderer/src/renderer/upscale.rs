@@ -17,6 +17,10 @@ use std::sync::{Arc, Weak};
 
 use super::frame_data::is_srgb;
 
+/// `constant_id`s of `upscale.frag`.
+const SAMPLING: u32 = 15;
+const SHARPEN: u32 = 18;
+
 /// What the pass and its pipeline depend on.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 struct Key {
@@ -26,6 +30,8 @@ struct Key {
     sampling: Sampling,
     /// Whether random samples are averaged.
     mean: bool,
+    /// Whether what is shown is sharpened.
+    sharpen: bool,
     /// Format of the history, where frames are kept.
     kept: Option<vk::Format>,
 }
@@ -334,12 +340,12 @@ impl Upscaler {
             (_, _, true) if key.mean => modules::UPSCALE_MEAN_FRAG_MULTIVIEW,
             (Sampling::Centers, _, false) => modules::UPSCALE_BILINEAR_FRAG,
             (Sampling::Centers, _, true) => modules::UPSCALE_BILINEAR_FRAG_MULTIVIEW,
-            (Sampling::Interleaved, false, false) => modules::UPSCALE_INTERLEAVED_FRAG,
-            (Sampling::Interleaved, false, true) => modules::UPSCALE_INTERLEAVED_FRAG_MULTIVIEW,
-            (Sampling::Interleaved, true, false) => modules::UPSCALE_TEMPORAL_FRAG,
-            (Sampling::Interleaved, true, true) => modules::UPSCALE_TEMPORAL_FRAG_MULTIVIEW,
+            (_, false, false) => modules::UPSCALE_INTERLEAVED_FRAG,
+            (_, false, true) => modules::UPSCALE_INTERLEAVED_FRAG_MULTIVIEW,
+            (_, true, false) => modules::UPSCALE_TEMPORAL_FRAG,
+            (_, true, true) => modules::UPSCALE_TEMPORAL_FRAG_MULTIVIEW,
         };
-        match self.pipeline(pass, attachments.len(), code, layout, cache) {
+        match self.pipeline(pass, key, code, layout, cache) {
             Ok(pipeline) => {
                 self.passes.insert(key, (pass, pipeline));
                 Ok((pass, pipeline))
@@ -355,15 +361,22 @@ impl Upscaler {
     fn pipeline(
         &self,
         pass: vk::RenderPass,
-        outputs: usize,
+        key: Key,
         fragment: &[u32],
         layout: vk::PipelineLayout,
         cache: vk::PipelineCache,
     ) -> Result<vk::Pipeline, GpuError> {
         let vertex = Module::new(&self.gpu, modules::FULLSCREEN_VERT)?;
         let fragment = Module::new(&self.gpu, fragment)?;
-        let stages =
-            [vertex.stage(vk::ShaderStageFlags::VERTEX), fragment.stage(vk::ShaderStageFlags::FRAGMENT)];
+        let values = [key.sampling as u32, u32::from(key.sharpen)];
+        let entry = |constant_id, offset| vk::SpecializationMapEntry { constant_id, offset, size: 4 };
+        let entries = [entry(SAMPLING, 0), entry(SHARPEN, 4)];
+        let constants =
+            vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::cast_slice(&values));
+        let stages = [
+            vertex.stage(vk::ShaderStageFlags::VERTEX),
+            fragment.stage(vk::ShaderStageFlags::FRAGMENT).specialization_info(&constants),
+        ];
         let vertex_input = vk::PipelineVertexInputStateCreateInfo::default();
         let assembly = vk::PipelineInputAssemblyStateCreateInfo::default()
             .topology(vk::PrimitiveTopology::TRIANGLE_LIST);
@@ -377,7 +390,7 @@ impl Upscaler {
         let write =
             vk::PipelineColorBlendAttachmentState::default().color_write_mask(vk::ColorComponentFlags::RGBA);
         let writes = [write; 2];
-        let blending = vk::PipelineColorBlendStateCreateInfo::default().attachments(&writes[..outputs]);
+        let blending = vk::PipelineColorBlendStateCreateInfo::default().attachments(&writes[..1 + usize::from(key.kept.is_some())]);
         let dynamic = [vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR];
         let dynamic = vk::PipelineDynamicStateCreateInfo::default().dynamic_states(&dynamic);
         let info = vk::GraphicsPipelineCreateInfo::default()
@@ -423,7 +436,7 @@ impl Upscaler {
 }
 
 fn temporal(config: &RenderConfig, resolution: &Resolution) -> bool {
-    config.upscale == Upscale::InterleavedTemporal && resolution.sampling == Sampling::Interleaved
+    config.upscale == Upscale::InterleavedTemporal && resolution.interleaved()
 }
 
 impl Renderer {
@@ -456,6 +469,7 @@ impl Renderer {
             view_mask,
             sampling: reduction.resolution.sampling,
             mean: self.upscaler.means(config),
+            sharpen: config.sharpen > 0.0,
             kept,
         };
         let layout = self.passes.layout;
