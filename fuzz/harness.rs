@@ -7,6 +7,8 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use motes_scenes::labels::Labels;
+use motes_scenes::levels::LevelFile;
 use motes_scenes::settings::Settings;
 use motes_scenes::{LoadOptions, Splats, load_bytes};
 
@@ -14,7 +16,7 @@ use motes_scenes::{LoadOptions, Splats, load_bytes};
 pub type Target = (&'static str, fn(&[u8]));
 
 /// Every target, by name.
-pub const TARGETS: [Target; 9] = [
+pub const TARGETS: [Target; 11] = [
     ("ply", ply),
     ("compressed_ply", compressed_ply),
     ("splat", splat),
@@ -22,6 +24,8 @@ pub const TARGETS: [Target; 9] = [
     ("ksplat", ksplat),
     ("sog", sog),
     ("spz", spz),
+    ("levels", levels),
+    ("labels", labels),
     ("cameras", cameras),
     ("settings", settings),
 ];
@@ -57,6 +61,46 @@ fn scene(name: &str, bytes: &[u8]) {
         }
         Err(error) => {
             assert!(error.to_string().contains("fuzz"), "{name}: a message without the file's name: {error}")
+        }
+    }
+}
+
+/// A file of levels, and every part of it.
+pub fn levels(bytes: &[u8]) {
+    let name = Path::new("fuzz.mlod");
+    let named = |e: &motes_scenes::SceneError| {
+        assert!(e.to_string().contains("fuzz"), "a message without the file's name: {e}");
+    };
+    match LevelFile::from_bytes(name, Arc::from(bytes)) {
+        Ok(file) => {
+            assert!(!file.levels().is_empty(), "a file without levels");
+            for (g, group) in file.groups().iter().enumerate().take(8) {
+                for (l, range) in group.ranges.iter().enumerate() {
+                    match file.read(g, l) {
+                        Ok(splats) => {
+                            assert_eq!(splats.len() as u64, range.splats);
+                            if let Some(broken) = broken_promise(&splats) {
+                                panic!("group {g}, level {l}: {broken}");
+                            }
+                        }
+                        Err(error) => named(&error),
+                    }
+                }
+            }
+        }
+        Err(error) => named(&error),
+    }
+}
+
+/// Labels in any of their forms.
+pub fn labels(bytes: &[u8]) {
+    match Labels::parse(Path::new("fuzz.labels.json"), bytes) {
+        Ok(labels) => {
+            let unnamed = labels.ids.iter().find(|&&id| labels.class(id).is_none());
+            assert!(unnamed.is_none(), "class {unnamed:?} has no name");
+        }
+        Err(error) => {
+            assert!(error.to_string().contains("fuzz"), "a message without the file's name: {error}");
         }
     }
 }

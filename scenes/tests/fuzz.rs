@@ -11,6 +11,8 @@ use std::path::Path;
 
 use common::encode::{self, Encoding};
 use common::pack;
+use motes_scenes::labels::{Class, Labels, class_colour};
+use motes_scenes::levels::{self, LevelFile, NewLevel, Storage};
 use motes_scenes::synthetic::{Animation, Random, Recipe};
 
 const CAMERAS: &str = r#"[{"id": 0, "img_name": "a", "width": 640, "height": 480, "position": [0.5, -1, 2],
@@ -20,6 +22,27 @@ const NERF: &str = r#"{"camera_angle_x": 0.7, "w": 640, "h": 480, "frames": [{"f
 const COLMAP: &str = "# Image list\n1 1 0 0 0 0.5 -1 2 1 a.png\n\n";
 const SETTINGS: &str = r#"{"version": 1, "up": "-y", "scale": 1.5, "floor": -1.2, "first_view": {"position": [0, 0, -2],
 "rotation": [0, 0, 0, 1]}, "views": [{"name": "window", "position": [1, 0, 0], "rotation": [0, 0, 0, 1], "vertical_fov": 55}]}"#;
+
+const LABELS: [&str; 3] = [
+    r#"{"version": 1, "classes": [{"id": 1, "name": "cup", "colour": [255, 0, 9]}], "labels": [0, 1, 1, 2]}"#,
+    "[0, 3, 65535]",
+    r#"{"objects": [{"point_annotations": [1, 2, 2]}]}"#,
+];
+
+/// Two levels of two classes in cubes.
+fn level_file(storage: Storage) -> Vec<u8> {
+    let level = |name: &str, step, count| {
+        let mut splats = Recipe { count, ..Recipe::default() }.still();
+        splats.labels = Some((0..splats.len()).map(|i| 1 + (i % 2) as u16).collect());
+        NewLevel { name: name.to_owned(), step, splats }
+    };
+    let classes = [1u16, 2].map(|id| Class { id, name: format!("class {id}"), colour: class_colour(id) });
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mlod");
+    levels::save(&path, &[level("fine", 2.0, 8), level("coarse", 1.0, 3)], &classes, Some(4.0), storage)
+        .unwrap();
+    std::fs::read(&path).unwrap()
+}
 
 /// Small sound files of every kind.
 fn corpus(target: &str) -> Vec<Vec<u8>> {
@@ -53,6 +76,8 @@ fn corpus(target: &str) -> Vec<Vec<u8>> {
         "ksplat" => (0..3).map(|level| encode::ksplat(&still(level as u8 + 1, 7), level)).collect(),
         "sog" => [1, 2].iter().map(|v| pack::zip(&pack::sog(&still(0, 60), *v), "", *v == 1)).collect(),
         "spz" => (1..=4).map(|version| pack::spz(&still(2, 12), version)).collect(),
+        "levels" => [Storage::Spz, Storage::Ply].iter().map(|storage| level_file(*storage)).collect(),
+        "labels" => LABELS.iter().map(|t| t.as_bytes().to_vec()).collect(),
         "cameras" => [CAMERAS, NERF, COLMAP].iter().map(|t| t.as_bytes().to_vec()).collect(),
         "settings" => vec![SETTINGS.as_bytes().to_vec()],
         other => panic!("no corpus for {other}"),
@@ -149,5 +174,12 @@ fn the_corpus_is_sound() {
     std::fs::write(folder.path().join("scene.ply.motes.json"), SETTINGS).unwrap();
     let settings = motes_scenes::settings::Settings::load(&folder.path().join("scene.ply"));
     assert_eq!(settings.unwrap().unwrap().views.len(), 1);
+    for bytes in corpus("levels") {
+        let file = LevelFile::from_bytes(Path::new("a.mlod"), bytes.into()).unwrap();
+        assert!((0..2).all(|level| file.read(0, level).is_ok()), "{:?}", file.groups());
+    }
+    for (text, count) in LABELS.iter().zip([4, 3, 3]) {
+        assert_eq!(Labels::parse(Path::new("a.json"), text.as_bytes()).unwrap().ids.len(), count);
+    }
     assert!(catch_unwind(|| panic!("on purpose")).is_err());
 }
