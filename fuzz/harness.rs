@@ -96,7 +96,8 @@ pub fn levels(bytes: &[u8]) {
 pub fn labels(bytes: &[u8]) {
     match Labels::parse(Path::new("fuzz.labels.json"), bytes) {
         Ok(labels) => {
-            let unnamed = labels.ids.iter().find(|&&id| labels.class(id).is_none());
+            // 0 is none of the classes.
+            let unnamed = labels.ids.iter().find(|&&id| id > 0 && labels.class(id).is_none());
             assert!(unnamed.is_none(), "class {unnamed:?} has no name");
         }
         Err(error) => {
@@ -120,7 +121,7 @@ pub fn cameras(bytes: &[u8]) {
 
 /// The settings beside a scene.
 pub fn settings(bytes: &[u8]) {
-    write("scene.motes.json", bytes);
+    write("scene.ply.motes.json", bytes);
     if let Ok(Some(settings)) = Settings::load(&folder().join("scene.ply")) {
         let placed = settings.scene_to_world();
         assert!(placed.is_finite(), "{placed:?}");

@@ -207,6 +207,30 @@ fn splatv() {
 }
 
 #[test]
+fn ksplat_in_sections_and_in_full_buckets() {
+    let tolerance = Tolerance {
+        mean: 5.0 / 2.0 / 32767.0,
+        rotation: 2e-3,
+        log_scale: 6e-4,
+        opacity: 1e-6,
+        color: 1e-6,
+        sh: 1.01 / 255.0,
+    };
+    let all = known(1, false);
+    for level in [1, 2] {
+        // Each section ends where the next one begins, and a file that ends within one is refused.
+        let parts = [all.selected(&[0, 1, 2, 3, 4]), all.selected(&[5, 6])];
+        let file = encode::ksplat_of_sections(&parts.each_ref().map(|p| encode::ksplat(p, level)));
+        check("a.ksplat", &file, Format::KSplat, &all, &tolerance);
+        let error = read("a.ksplat", &file[..file.len() - 1]).unwrap_err().to_string();
+        assert!(error.contains("ends"), "{error}");
+        let full = all.selected(&[0, 1, 2, 3]);
+        let file = encode::ksplat_in_full_buckets(&full, level);
+        check("a.ksplat", &file, Format::KSplat, &full, &tolerance);
+    }
+}
+
+#[test]
 fn ksplat_at_every_level() {
     for (level, sh) in [(0, 0.0), (1, 3e-4), (2, 1.01 / 255.0)] {
         for degree in 0..=3 {

@@ -1,6 +1,6 @@
 //! The fuzz targets (`fuzz/`) on stable Rust: a fixed corpus and a fixed number of mutations. `MOTES_FUZZ_CORPUS=DIR`
 //! writes the corpus for libFuzzer instead: `cargo +nightly fuzz run TARGET DIR/TARGET`.
-#![allow(clippy::panic, reason = "a test may")]
+#![allow(clippy::panic, clippy::unwrap_used, reason = "a test may")]
 
 mod common;
 #[path = "../../fuzz/harness.rs"]

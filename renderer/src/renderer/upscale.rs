@@ -390,7 +390,8 @@ impl Upscaler {
         let write =
             vk::PipelineColorBlendAttachmentState::default().color_write_mask(vk::ColorComponentFlags::RGBA);
         let writes = [write; 2];
-        let blending = vk::PipelineColorBlendStateCreateInfo::default().attachments(&writes[..1 + usize::from(key.kept.is_some())]);
+        let blending = vk::PipelineColorBlendStateCreateInfo::default()
+            .attachments(&writes[..1 + usize::from(key.kept.is_some())]);
         let dynamic = [vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR];
         let dynamic = vk::PipelineDynamicStateCreateInfo::default().dynamic_states(&dynamic);
         let info = vk::GraphicsPipelineCreateInfo::default()

@@ -308,13 +308,36 @@ const BUCKET: usize = 4;
 
 /// mkkellogg's `.ksplat`, one section, at a compression level 0, 1 or 2.
 pub fn ksplat(splats: &Splats, level: u16) -> Vec<u8> {
+    // Full buckets, then a partial one with all but one of the others, then one with the last splat.
+    let full = (splats.len() - 1) / BUCKET;
+    ksplat_in_buckets(splats, level, full, &[splats.len() - 1 - full * BUCKET, 1])
+}
+
+/// The same in full buckets alone: the splats are a multiple of 4.
+pub fn ksplat_in_full_buckets(splats: &Splats, level: u16) -> Vec<u8> {
+    ksplat_in_buckets(splats, level, splats.len() / BUCKET, &[])
+}
+
+/// Files of one section each as one of several.
+pub fn ksplat_of_sections(files: &[Vec<u8>]) -> Vec<u8> {
+    const HEADER: usize = 4096;
+    const SECTION: usize = 1024;
+    let mut out = files[0][..HEADER].to_vec();
+    let count = |file: &[u8]| u32::from_le_bytes([file[16], file[17], file[18], file[19]]);
+    let splats: u32 = files.iter().map(|f| count(f)).sum();
+    for (at, value) in [(4, files.len() as u32), (8, files.len() as u32), (12, splats), (16, splats)] {
+        out[at..at + 4].copy_from_slice(&value.to_le_bytes());
+    }
+    out.extend(files.iter().flat_map(|f| &f[HEADER..HEADER + SECTION]));
+    out.extend(files.iter().flat_map(|f| &f[HEADER + SECTION..]));
+    out
+}
+
+fn ksplat_in_buckets(splats: &Splats, level: u16, full: usize, partial: &[usize]) -> Vec<u8> {
     let n = splats.len();
     let steps = 32767.0;
     let block = 5.0_f32;
-    // Full buckets, then a partial one with all but one of the others, then one with the last splat.
-    let full = (n - 1) / BUCKET;
-    let partial = [n - 1 - full * BUCKET, 1];
-    let sizes: Vec<usize> = std::iter::repeat_n(BUCKET, full).chain(partial).collect();
+    let sizes: Vec<usize> = std::iter::repeat_n(BUCKET, full).chain(partial.iter().copied()).collect();
     let mut firsts = vec![0];
     firsts.extend(sizes.iter().scan(0, |end, size| {
         *end += size;
@@ -342,7 +365,7 @@ pub fn ksplat(splats: &Splats, level: u16) -> Vec<u8> {
         set32(section + 20, 12);
         set32(section + 24, steps as u32);
         set32(section + 32, full as u32);
-        set32(section + 36, 2);
+        set32(section + 36, partial.len() as u32);
     }
     set32(section + 40, u32::from(splats.sh_degree));
 
