@@ -4,7 +4,9 @@
 //
 // A tile of the image is taken to be opaque where the light taken in it so far says so; what lies behind is hidden. (The
 // same prediction does not make better borders of batches: tiles close at all depths alike. Measured. It does say where
-// marks are worth their while: a mark is exact, so a wrong prediction costs time and never an error.)
+// marks are worth their while: a mark is exact, so a wrong prediction costs time and never an error. Nor is it worth it to
+// end the pass in between and take whole splats off the list: of those in view, 0.1 to 8 % lie wholly behind opaque tiles
+// of 8 x 8 pixels, as most reach some pixel that is still open. Measured on five views.)
 #include "records.glsl"
 
 const uint THREADS = BINS;
