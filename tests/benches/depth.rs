@@ -12,7 +12,7 @@ use motes_renderer::{Offscreen, Packing, Precision, RenderConfig, SceneOnDevice,
 use motes_tests::golden::{NAMES, golden_view};
 
 /// Pairs of frames that are measured, after one that is not.
-const FRAMES: usize = 9;
+const FRAMES: usize = 5;
 
 fn quartiles(mut values: Vec<f64>) -> [f64; 3] {
     values.sort_by(f64::total_cmp);
