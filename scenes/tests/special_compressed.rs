@@ -220,6 +220,17 @@ fn spz_refusals_say_what_and_where() {
     assert_says(&error_of("a.spz", &beyond), &["stream 0 of 6", "reach beyond the file's"]);
 }
 
+/// Places whose bytes are those of an extension record are places, unless the header speaks of such records.
+#[test]
+fn places_that_look_like_an_extension_are_places() {
+    let mut scene = splats(20, 1);
+    // 01 00 be ad: the whole of x, and the lowest byte of y.
+    scene.means[0] = [(0x00be_0001 - 0x0100_0000) as f32 / 4096.0, f32::from(0xad_u8) / 4096.0, 0.5];
+    let loaded = common::read("a.spz", &spz_3(&scene, 1, 0, &[])).unwrap();
+    assert_eq!(loaded.splats.mean_of(0), scene.mean_of(0));
+    assert_says(&error_of("a.spz", &spz_3(&scene, 1, 2, &[])), &["extension records before its splats"]);
+}
+
 #[test]
 fn degree_4_is_cut_to_3_and_told() {
     let scene = splats(30, 3);
