@@ -130,5 +130,10 @@ mod tests {
             assert!(float_key(pair[0]) < float_key(pair[1]), "{pair:?}");
             assert!(float_key_16(pair[0]) <= float_key_16(pair[1]), "{pair:?}");
         }
+        // Neighbours 0.8 % apart have keys of their own, in 16 bits.
+        for near in [1e-3f32, 1.0, 700.0] {
+            assert!(float_key_16(near) < float_key_16(1.008 * near), "{near}");
+            assert!(float_key_16(near) <= 0xffff);
+        }
     }
 }
