@@ -114,3 +114,20 @@ fn smallest_three(bits: u32) -> [f32; 4] {
     q[largest] = (1.0_f32 - squares).max(0.0).sqrt();
     q
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn harmonics_follow_their_range() {
+        let usual = coefficients(None);
+        assert_eq!([usual[0], usual[128], usual[192]], [-1.0, 0.0, 0.5]);
+        assert_eq!(coefficients(Some([-1.0, 1.0])), usual);
+        let own = coefficients(Some([-0.5, 2.0]));
+        assert_eq!([own[0], own[51], own[255]], [-0.5, 0.0, 2.0]);
+        // An empty range is all zero, wherever it lies.
+        assert_eq!(coefficients(Some([0.5, 0.5])), [0.0; 256]);
+        assert_eq!(coefficients(Some([2.0, -0.5])), [0.0; 256]);
+    }
+}
