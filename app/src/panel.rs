@@ -111,6 +111,9 @@ fn view(ui: &mut Ui, viewer: &mut Viewer, commands: &mut Vec<Command>) {
         if ui.button("heat map").on_hover_text("the next, or none after the last (H)").clicked() {
             commands.push(Command::SwitchHeatMap);
         }
+        if ui.button("label").on_hover_text("splats by hand, with a brush or a box (B)").clicked() {
+            commands.push(Command::SwitchMarking);
+        }
         let mut degrees = viewer.eye.vertical_fov.to_degrees();
         if ui.add(DragValue::new(&mut degrees).range(10.0..=150.0).suffix("°")).changed() {
             viewer.eye.vertical_fov = degrees.to_radians();

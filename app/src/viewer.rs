@@ -41,6 +41,8 @@ pub enum Command {
     SwitchPanel,
     /// The next heat map, or none after the last.
     SwitchHeatMap,
+    /// Begins or ends giving splats labels by hand.
+    SwitchMarking,
     /// Saves a picture.
     Screenshot,
     /// Ends the program.
@@ -111,7 +113,7 @@ pub struct Viewer {
     pub read_ahead: u64,
     /// How levels of detail are chosen.
     pub detail: Tuning,
-    /// Files of levels are read on the way into so many bytes; none: whole.
+    /// Files of levels and streamed SOG scenes are read on the way into so many bytes; none: whole.
     pub memory: Option<u64>,
     gpu: Arc<Gpu>,
     /// Time that passed between the last two frames.
@@ -162,7 +164,9 @@ impl Viewer {
             stage.partial = false;
         }
         let source = match (self.memory, paths.as_slice()) {
-            (Some(bytes), [path]) if Format::detect(path).is_ok_and(|f| f == Format::Levels) => {
+            (Some(bytes), [path])
+                if Format::detect(path).is_ok_and(|f| matches!(f, Format::Levels | Format::StreamedSog)) =>
+            {
                 SceneSource::Within(path.clone(), bytes)
             }
             _ => SceneSource::Files(paths),
@@ -344,7 +348,7 @@ impl Viewer {
                 self.config.time = self.time.time();
             }
             Command::SwitchPanel => self.panel = !self.panel,
-            Command::SwitchHeatMap | Command::Screenshot | Command::Quit => {}
+            Command::SwitchHeatMap | Command::SwitchMarking | Command::Screenshot | Command::Quit => {}
         }
     }
 

@@ -11,6 +11,7 @@ use motes_renderer::{OrderKey, RenderConfig, View, midpoint};
 use motes_scenes::labels::{Class, class_colour};
 use motes_scenes::{SH_C0, Splats};
 
+use crate::density::Density;
 use crate::error::CommandError;
 use crate::measure::{ColourMap, Picture, coloured, flip_map};
 use crate::studio::reference_pictures;
@@ -26,12 +27,22 @@ pub enum Heat {
     Error,
     /// Root mean square error of a splat's classic projection: 0.01 to 10 pixels, logarithmic
     ProjectionError,
-    /// Splats in the voxel around a splat (64 along the scene's longest side): 1 to 1000, logarithmic
+    /// Splats in the voxel around a splat: 1 to 1000, logarithmic. Voxels have a 64th of the scene's longest side, or that of
+    /// --voxel
     Density,
     /// Labels (files of a merged scene, classes), in their colours
     Labels,
     /// The level of detail in use: from yellow, the finest, to violet
     Level,
+}
+
+/// What a quantity of splats needs beside them.
+#[derive(Clone, Debug, Default)]
+pub struct Given {
+    /// How fine each splat's level is, 0 to 1; none where there are no levels.
+    pub fineness: Option<Vec<f64>>,
+    /// Side of a voxel, scene units; none for a share of the scene.
+    pub voxel: Option<f64>,
 }
 
 /// Layers that the last colour stands for.
@@ -42,8 +53,6 @@ const ERROR: f64 = 0.5;
 const PIXELS: [f64; 2] = [0.01, 10.0];
 /// Splats a voxel between which colours lie.
 const PER_VOXEL: [f64; 2] = [1.0, 1000.0];
-/// Voxels along the longest side.
-const VOXELS: f64 = 64.0;
 /// Half-width of the widest region that a projection error is taken over, radians.
 const WIDEST: f64 = 0.5;
 
@@ -95,13 +104,13 @@ impl Heat {
 
     /// The map, whatever it is of, by the reference: a picture for each view.
     ///
-    /// `drawn` are the pictures whose error is shown; no other map needs them. `fineness` as in [`Heat::of_splats`].
+    /// `drawn` are the pictures whose error is shown; no other map needs them.
     ///
     /// # Errors
     /// The reference's; a scene without labels, or without levels.
     pub fn pictures(
         self,
-        (splats, fineness): (&Splats, Option<Vec<f64>>),
+        (splats, given): (&Splats, Given),
         classes: &[Class],
         views: &[View],
         config: &RenderConfig,
@@ -111,7 +120,7 @@ impl Heat {
             return Ok(maps);
         }
         let Some(first) = views.first() else { return Ok(Vec::new()) };
-        let painted = self.of_splats(splats, first, classes, fineness)?;
+        let painted = self.of_splats(splats, first, classes, given)?;
         reference_pictures(painted.as_ref().unwrap_or(splats), views, config, false)
     }
 
@@ -127,7 +136,6 @@ impl Heat {
     }
 
     /// The scene with its splats coloured by a quantity of theirs, seen from a view; `None` for a quantity of pixels.
-    /// `fineness`: of each splat's level, 0 to 1; none where there are no levels.
     ///
     /// # Errors
     /// A scene without labels, or without levels.
@@ -136,18 +144,21 @@ impl Heat {
         splats: &Splats,
         view: &View,
         classes: &[Class],
-        fineness: Option<Vec<f64>>,
+        given: Given,
     ) -> Result<Option<Splats>, CommandError> {
         let values: Vec<f64> = match self {
             Self::Layers | Self::Hidden | Self::Error => return Ok(None),
             Self::ProjectionError => {
                 (0..splats.len()).map(|i| share(projection_error(splats, i, view), PIXELS)).collect()
             }
-            Self::Level => fineness.ok_or_else(|| {
+            Self::Level => given.fineness.ok_or_else(|| {
                 let what = "the scene has no levels of detail: open a file of them (.mlod; motes render with --lod-target)";
                 CommandError::Usage(what.into())
             })?,
-            Self::Density => density(splats).into_iter().map(|n| share(f64::from(n), PER_VOXEL)).collect(),
+            Self::Density => {
+                let counts = Density::of(splats, given.voxel).of_splats;
+                counts.into_iter().map(|n| share(f64::from(n), PER_VOXEL)).collect()
+            }
             Self::Labels => {
                 let labels = splats.labels.as_ref().ok_or_else(|| {
                     CommandError::Usage(
@@ -189,27 +200,6 @@ fn projection_error(splats: &Splats, i: usize, view: &View) -> f64 {
     let (theta, phi) = ((-at.y / distance).asin(), at.x.atan2(at.z));
     let [fx, fy] = view.focal();
     (epsilon(theta, phi, half) / (4.0 * half * half)).sqrt() * (fx * fy).sqrt()
-}
-
-/// For every splat, the splats in its voxel.
-fn density(splats: &Splats) -> Vec<u32> {
-    // Of the middle 98 %, so that no far outlier makes the voxels huge.
-    let range = |k: usize| {
-        let mut values: Vec<f32> = splats.means.iter().map(|m| m[k]).collect();
-        let n = values.len();
-        if n == 0 {
-            return 0.0;
-        }
-        let mut at = |share: usize| *values.select_nth_unstable_by((n - 1) * share / 100, f32::total_cmp).1;
-        f64::from(at(99) - at(1))
-    };
-    let side = (0..3).map(range).fold(0.0, f64::max).max(1e-9) / VOXELS;
-    let voxel = |m: &[f32; 3]| m.map(|v| (f64::from(v) / side).floor() as i64);
-    let mut counts: HashMap<[i64; 3], u32> = HashMap::new();
-    for mean in &splats.means {
-        *counts.entry(voxel(mean)).or_default() += 1;
-    }
-    splats.means.iter().map(|m| counts.get(&voxel(m)).copied().unwrap_or(0)).collect()
 }
 
 #[cfg(test)]
@@ -256,32 +246,29 @@ mod tests {
     }
 
     #[test]
-    fn densities_count_neighbours() {
-        let mut splats = scene();
-        for (i, mean) in splats.means.iter_mut().enumerate() {
-            *mean = if i < 20 { [0.1, 0.1, 0.1] } else { [i as f32, 0.1, 0.1] };
-        }
-        let found = density(&splats);
-        assert!(found[..20].iter().all(|&n| n == 20) && found[20..].iter().all(|&n| n == 1), "{found:?}");
-    }
-
-    #[test]
     fn splats_take_the_colour_of_their_quantity() {
         let mut splats = scene();
-        assert!(Heat::Labels.of_splats(&splats, &view(), &[], None).is_err());
+        assert!(Heat::Labels.of_splats(&splats, &view(), &[], Given::default()).is_err());
         splats.labels = Some((0..50).map(|i| i % 5).collect());
         let classes = [Class { id: 4, name: "four".into(), colour: [10, 20, 30] }];
-        let painted = Heat::Labels.of_splats(&splats, &view(), &classes, None).unwrap().unwrap();
+        let painted = Heat::Labels.of_splats(&splats, &view(), &classes, Given::default()).unwrap().unwrap();
         assert_eq!((painted.sh_degree, painted.sh.len()), (0, 50));
         let colour = |i: usize| painted.sh[i].map(|c| ((0.5 + SH_C0 * c) * 255.0).round() as u8);
         assert_eq!((colour(4), colour(1)), ([10, 20, 30], class_colour(1)));
-        let dense = Heat::Density.of_splats(&splats, &view(), &[], None).unwrap().unwrap();
+        let dense = Heat::Density.of_splats(&splats, &view(), &[], Given::default()).unwrap().unwrap();
         let lonely = dense.sh[0].map(|c| ((0.5 + SH_C0 * c) * 255.0).round() as u8);
         assert_eq!(lonely, ColourMap::Viridis.colour(0.0));
-        assert!(Heat::Level.of_splats(&splats, &view(), &[], None).is_err());
-        let fine = Heat::Level.of_splats(&splats, &view(), &[], Some(vec![0.0; 50])).unwrap().unwrap();
+        // All of them in one voxel.
+        let one = Given { voxel: Some(1e3), ..Given::default() };
+        let mut near = splats.clone();
+        near.means.iter_mut().flatten().for_each(|v| *v = v.abs());
+        let together = Heat::Density.of_splats(&near, &view(), &[], one).unwrap().unwrap();
+        assert!(together.sh.iter().all(|c| *c == together.sh[0]) && together.sh[0] != dense.sh[0]);
+        assert!(Heat::Level.of_splats(&splats, &view(), &[], Given::default()).is_err());
+        let coarsest = Given { fineness: Some(vec![0.0; 50]), ..Given::default() };
+        let fine = Heat::Level.of_splats(&splats, &view(), &[], coarsest).unwrap().unwrap();
         assert_eq!(fine.sh[0], dense.sh[0], "the coarsest level has the lowest colour");
-        assert!(Heat::Layers.of_splats(&splats, &view(), &[], None).unwrap().is_none());
+        assert!(Heat::Layers.of_splats(&splats, &view(), &[], Given::default()).unwrap().is_none());
         assert!(
             (share(1.0, [0.01, 10.0]) - 2.0 / 3.0).abs() < 1e-12 && share(f64::INFINITY, [1.0, 2.0]) == 1.0
         );

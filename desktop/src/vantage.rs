@@ -22,7 +22,8 @@ pub struct VantageArgs {
     /// Judge by these cameras (the data set's test pictures, else every eighth camera)
     #[arg(long, value_name = "FILE[:NAME,…]")]
     pub judge: Option<Views>,
-    /// Look from so many views at most, spread evenly over the cameras
+    /// Look from so many views at most, spread evenly over the cameras; where there are fewer cameras, also from between
+    /// neighbouring ones
     #[arg(long, value_name = "N", default_value_t = 48, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub views: u32,
     /// Size of the pictures that are looked at, as a share of the cameras'
@@ -114,6 +115,12 @@ impl VantageArgs {
                     .collect();
             }
         }
+        let missing = (self.views as usize).saturating_sub(look.len());
+        if missing > 0 && look.len() > 1 {
+            let between: Vec<View> = spread(&look, missing).into_iter().map(|v| towards(v, &look)).collect();
+            said += &format!(", {} views between them", between.len());
+            look.extend(between);
+        }
         let look = spread(&look, self.views as usize).into_iter().map(|v| scaled(v, self.scale)).collect();
         for seat in &mut judge {
             seat.view = scaled(&seat.view, self.judge_scale);
@@ -130,6 +137,18 @@ fn seat(camera: &Camera) -> Seat {
 fn spread<T>(list: &[T], most: usize) -> Vec<&T> {
     let n = list.len().min(most);
     (0..n).map(|i| &list[i * list.len() / n]).collect()
+}
+
+/// Half-way from a view to the nearest that looks the same way: nobody stands where the cameras stood, but near them.
+fn towards(view: &View, others: &[View]) -> View {
+    let ahead = |v: &View| v.rotation.transpose() * DVec3::Z;
+    let apart = |v: &&View| view.eye.distance(v.eye) * (2.0 - ahead(view).dot(ahead(v)));
+    let other = |v: &&View| v.eye != view.eye || v.rotation != view.rotation;
+    let nearest = others.iter().filter(other).min_by(|a, b| apart(a).total_cmp(&apart(b)));
+    let Some(nearest) = nearest else { return *view };
+    let turn = |v: &View| glam::DQuat::from_mat3(&v.rotation);
+    let rotation = glam::DMat3::from_quat(turn(view).slerp(turn(nearest), 0.5));
+    View { rotation, eye: view.eye.lerp(nearest.eye, 0.5), ..*view }
 }
 
 /// A view at a share of its size.
@@ -166,6 +185,10 @@ mod tests {
             let ahead = judge.to_eye(framing.center);
             assert!(ahead.z > 0.0 && ahead.x.abs() < 1e-9 * ahead.z.abs().max(1.0));
         }
+        let between = towards(&look[0], &look);
+        let nearest = look[1..].iter().map(|v| v.eye.distance(look[0].eye)).fold(f64::INFINITY, f64::min);
+        assert!(between.check().is_ok() && between.eye.distance(look[0].eye) >= 0.49 * nearest);
+        assert!(look.iter().all(|v| v.eye.distance(between.eye) > 0.1 * nearest));
         assert_eq!(spread(&[1, 2, 3, 4, 5, 6], 3), [&1, &3, &5]);
         assert_eq!(spread(&[1, 2], 9), [&1, &2]);
         assert_eq!(scaled(&look[0], 0.5).size, [240, 180]);

@@ -55,7 +55,7 @@ fn scenes_are_labelled_optimised_and_levelled() {
     let optimize =
         |more: &[&str]| run(&[&["optimize", &ply, "-o", &out, "--scale", "0.6"][..], more].concat());
     let report =
-        optimize(&["--keep", "0.5", "--sweeps", "2", "--pictures", &at("pictures"), "--json"]).unwrap();
+        optimize(&["--keep", "0.5", "--steps", "2", "--pictures", &at("pictures"), "--json"]).unwrap();
     let report: serde_json::Value = serde_json::from_str(&report).unwrap();
     let figure = |of: &str, what: &str| report[of][what].as_f64().unwrap();
     assert_eq!(load(&folder.join("half.ply"), &LoadOptions::default()).unwrap().splats.len(), 200);
@@ -64,7 +64,7 @@ fn scenes_are_labelled_optimised_and_levelled() {
     assert!(figure("ours", "layers") < figure("original", "layers"));
     assert_eq!(Labels::beside(&folder.join("half.ply")).unwrap().unwrap().ids.len(), 200);
     assert!(std::fs::read_dir(folder.join("pictures")).unwrap().count() > 0);
-    let refused = optimize(&["--layers", "0.2", "--sweeps", "0", "--at-most", "0.001"]).unwrap_err();
+    let refused = optimize(&["--layers", "0.2", "--steps", "0", "--at-most", "0.001"]).unwrap_err();
     assert!(refused.contains("0.2 layers per pixel cannot be had"), "{refused}");
 
     // Three levels, a fit against the finest, and a test of it.

@@ -11,6 +11,8 @@
 //! every level, the range of the file that holds them (`offset` counts from the end of the index). A range is a whole scene
 //! file by itself (SPZ, or the trainers' PLY), so that each is decoded, checked and limited like any other scene. What belongs
 //! to levels but is no concern of this crate (fitted curves) is kept in `extra` as it is.
+//!
+//! A streamed SOG scene ([`crate::StreamedLevel`]) is read the same way: each leaf of its tree is a group. It has no `extra`.
 
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -20,6 +22,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use crate::formats::streamed_parts::StreamedParts;
 use crate::labels::Class;
 use crate::load::LoadContext;
 use crate::source::Source;
@@ -34,7 +37,7 @@ const MAX_INDEX: u64 = 256 << 20;
 /// No scene file has more splats than this per byte (an SPZ of equal splats, compressed 1000 : 1).
 const MOST_SPLATS_PER_BYTE: u64 = 64;
 /// Standard deviations beyond which no splat changes a pixel: √(2 ln 255).
-const REACH: f64 = 3.33;
+pub(crate) const REACH: f64 = 3.33;
 const DAMAGED: &str =
     "The file is damaged or incomplete: copy it again, or build it anew by `motes lod build`";
 
@@ -95,22 +98,35 @@ struct Index {
     extra: Value,
 }
 
-/// An open file of levels.
+/// An open file of levels, or a streamed SOG scene.
 #[derive(Debug)]
 pub struct LevelFile {
-    source: Source,
+    parts: Parts,
     index: Index,
-    /// Where the parts begin.
-    start: u64,
+}
+
+/// Where the parts are.
+#[derive(Debug)]
+enum Parts {
+    /// In a file, from this byte on.
+    File(Source, u64),
+    /// In pieces beside a `lod-meta.json`.
+    Streamed(StreamedParts),
 }
 
 impl LevelFile {
-    /// Opens a file and reads its index.
+    /// Opens a file and reads its index; or a streamed scene, by its folder or its `lod-meta.json`.
     ///
     /// # Errors
     /// [`SceneError`] where it cannot be read, is no such file, or its index contradicts itself or the file's length.
     pub fn open(path: &Path) -> Result<Self, SceneError> {
-        Self::of(Source::open(path)?)
+        let source = Source::open(path)?;
+        if !(source.is_folder() || path.file_name().is_some_and(|name| name == "lod-meta.json")) {
+            return Self::of(source);
+        }
+        let (parts, levels, groups) = StreamedParts::open(&source)?;
+        let index = Index { levels, classes: Vec::new(), groups, extra: Value::Null };
+        Ok(Self { parts: Parts::Streamed(parts), index })
     }
 
     /// From bytes in memory; `name` stands for the path.
@@ -156,17 +172,31 @@ impl LevelFile {
             )
         })?;
         index.check(source.len() - start).map_err(|(place, problem)| refuse(place, problem))?;
-        Ok(Self { source, index, start })
+        Ok(Self { parts: Parts::File(source, start), index })
     }
 
     /// Where the file is.
     pub fn path(&self) -> &Path {
-        self.source.path()
+        match &self.parts {
+            Parts::File(source, _) => source.path(),
+            Parts::Streamed(parts) => parts.path(),
+        }
     }
 
-    /// Length of the file, bytes.
+    /// Length of the file, or of all files of a streamed scene, bytes.
     pub fn bytes(&self) -> u64 {
-        self.source.len()
+        match &self.parts {
+            Parts::File(source, _) => source.len(),
+            Parts::Streamed(parts) => parts.bytes(),
+        }
+    }
+
+    /// The highest degree of spherical harmonics, where it is known without reading parts.
+    pub fn sh_degree(&self) -> Option<u8> {
+        match &self.parts {
+            Parts::File(..) => None,
+            Parts::Streamed(parts) => Some(parts.sh_degree()),
+        }
     }
 
     /// The levels, the finest first; never empty.
@@ -190,7 +220,8 @@ impl LevelFile {
         &self.index.extra
     }
 
-    /// Reads a group at a level, labelled with its class.
+    /// Reads a group at a level, labelled with its class. Of a streamed scene there can be fewer splats than are listed: those
+    /// of which no picture can be made are left out, which the log tells.
     ///
     /// # Errors
     /// [`SceneError`] where the range is damaged or holds another number of splats than the index says; the error for a
@@ -204,8 +235,16 @@ impl LevelFile {
         if range.bytes == 0 {
             return Ok(Splats { labels: Some(Vec::new()), ..Splats::zeroed(0, 0, false) });
         }
+        let (source, start) = match &self.parts {
+            Parts::File(source, start) => (source, start),
+            Parts::Streamed(parts) => {
+                let mut splats = parts.read(group, level, range.splats)?;
+                splats.labels = Some(vec![*class; splats.len()]);
+                return Ok(splats);
+            }
+        };
         let mut bytes = vec![0; range.bytes as usize];
-        self.source.read_at(self.start + range.offset, &mut bytes)?;
+        source.read_at(start + range.offset, &mut bytes)?;
         // Named after the file; the extension would decide only where the content does not.
         let mut options = LoadOptions::default();
         options.limits.splats = range.splats;
@@ -225,15 +264,23 @@ impl LevelFile {
     /// Writes the same file with other things in `extra`. A reader sees the old file or the new one, never a part.
     ///
     /// # Errors
-    /// [`SceneError::Io`] where the disk refuses.
+    /// [`SceneError::Io`] where the disk refuses; a streamed scene has no place for it.
     pub fn save_with(&self, path: &Path, extra: Value) -> Result<(), SceneError> {
+        let Parts::File(source, start) = &self.parts else {
+            let what = "a streamed scene keeps nothing else in its index";
+            return Err(SceneError::unsupported(
+                self.path(),
+                what,
+                "Build levels of it by `motes lod build`",
+            ));
+        };
         let index = Index { extra, ..self.index.clone() };
         write(path, &index, |out| {
             let mut block = vec![0; 1 << 20];
-            let mut at = self.start;
-            while at < self.source.len() {
-                let n = (self.source.len() - at).min(block.len() as u64) as usize;
-                self.source.read_at(at, &mut block[..n]).map_err(std::io::Error::other)?;
+            let mut at = *start;
+            while at < source.len() {
+                let n = (source.len() - at).min(block.len() as u64) as usize;
+                source.read_at(at, &mut block[..n]).map_err(std::io::Error::other)?;
                 out.write_all(&block[..n])?;
                 at += n as u64;
             }

@@ -8,6 +8,7 @@ use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 use common::{difference, pack, read};
+use motes_scenes::levels::LevelFile;
 use motes_scenes::synthetic::Recipe;
 use motes_scenes::{
     CancelToken, DropReason, Limits, LoadOptions, Scene, Splats, load, load_bytes, sh_coefficients,
@@ -274,7 +275,7 @@ fn streamed(folder: &Path) -> [Splats; 3] {
     let lod = |file: u32, offset: u32, count: u32| json!({"file": file, "offset": offset, "count": count});
     let index = json!({"version": 1, "lodLevels": 2, "environment": "sky/meta.json",
         "filenames": ["0_0/meta.json", "shared/meta.json"],
-        "tree": {"bound": {"min": [0, 0, 0], "max": [1, 1, 1]}, "children": [
+        "tree": {"bound": {"min": [-1, -1, -1], "max": [1, 1, 1]}, "children": [
             {"lods": {"0": lod(0, 0, 25), "1": lod(1, 70, 10)}},
             {"children": [{"lods": {"0": lod(0, 25, 35)}}, {"lods": {"0": lod(1, 5, 15), "1": lod(1, 30, 20)}}]}]}});
     std::fs::write(folder.join("lod-meta.json"), serde_json::to_vec(&index).unwrap()).unwrap();
@@ -313,6 +314,53 @@ fn ranges_of_shared_files_and_the_environment_make_a_level() {
         }
         assert_eq!(scene.splats.len(), at);
     }
+}
+
+/// The same scene region by region, as a file of levels is read.
+#[test]
+fn leaves_of_streamed_scenes_are_groups_of_levels() {
+    let folder = tempfile::tempdir().unwrap();
+    streamed(folder.path());
+    let file = LevelFile::open(folder.path()).unwrap();
+    let listed: Vec<Vec<u64>> =
+        file.groups().iter().map(|g| g.ranges.iter().map(|r| r.splats).collect()).collect();
+    // Three leaves, and the environment, which belongs to every level.
+    assert_eq!(listed, [[25, 10], [35, 0], [15, 20], [40, 40]]);
+    assert_eq!(file.levels().iter().map(|l| l.splats).collect::<Vec<_>>(), [115, 70]);
+    assert_eq!(file.sh_degree(), Some(2));
+    for level in 0..2 {
+        let whole = load(folder.path(), &LoadOptions { level: level as u32, ..Default::default() }).unwrap();
+        let mut means = whole.splats.means;
+        let mut found = Vec::new();
+        for (group, about) in file.groups().iter().enumerate() {
+            let splats = file.read(group, level).unwrap();
+            assert_eq!(splats.len() as u64, about.ranges[level].splats);
+            // What a group may cover lies within its reach.
+            let [low, high] = about.reach.unwrap();
+            for i in 0..splats.len() {
+                let radius = 3.3 * splats.log_scales[i].iter().fold(f32::MIN, |a, b| a.max(*b)).exp();
+                for k in 0..3 {
+                    let at = splats.mean_of(i)[k];
+                    assert!(
+                        at - f64::from(radius) >= low[k] - 1e-3 && at + f64::from(radius) <= high[k] + 1e-3
+                    );
+                }
+            }
+            found.extend(splats.means);
+        }
+        let order = |a: &[f32; 3], b: &[f32; 3]| a.partial_cmp(b).unwrap();
+        means.sort_by(order);
+        found.sort_by(order);
+        assert_eq!(found, means);
+    }
+    assert!(file.read(4, 0).is_err() && file.read(0, 2).is_err());
+    assert!(file.save_with(&folder.path().join("x.mlod"), json!({})).is_err());
+    // A leaf that reaches beyond its file is refused by name.
+    let path = folder.path().join("lod-meta.json");
+    let text = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, text.replace("\"count\":35", "\"count\":36")).unwrap();
+    let error = LevelFile::open(&path).unwrap_err().to_string();
+    assert!(error.contains("level 0 of file 0 (0_0/meta.json)") && error.contains("splat 61"), "{error}");
 }
 
 #[test]

@@ -268,15 +268,16 @@ impl Shared {
             };
             state.peak = state.peak.max(u64::from(self.pages) - state.pages.free());
             drop(state);
-            let places = places(&pages, range.splats);
-            let mut bring = || -> Result<(), LoadError> {
+            let mut bring = || -> Result<Vec<Range<u32>>, LoadError> {
                 let splats = file.read(key.0, key.1)?;
-                Ok(scene.write(&mut uploader, places.iter().cloned(), &splats)?)
+                let places = places(&pages, splats.len() as u64);
+                scene.write(&mut uploader, places.iter().cloned(), &splats)?;
+                Ok(places)
             };
             let brought = bring();
             state = self.lock();
             match brought {
-                Ok(()) => {
+                Ok(places) => {
                     state.read += range.bytes;
                     let drawn = state.frame;
                     state.held.insert(key, Held { places, pages, drawn });
@@ -305,6 +306,9 @@ fn places(pages: &[Range<u32>], splats: u64) -> Vec<Range<u32>> {
 
 /// The degree of a file's spherical harmonics, by one of its groups.
 fn degree(file: &LevelFile) -> Result<u8, SceneError> {
+    if let Some(degree) = file.sh_degree() {
+        return Ok(degree);
+    }
     let mut degree = 0;
     if let Some(group) = file.groups().iter().position(|g| g.ranges.iter().any(|r| r.splats > 0)) {
         for level in 0..file.levels().len() {

@@ -7,6 +7,7 @@ use std::str::FromStr;
 
 use serde::Serialize;
 
+use crate::measure::plots::{self, Line};
 use crate::measure::{
     self, ClassMask, ColourMap, Comparison, DEFAULT_PIXELS_PER_DEGREE, Flip, Matching, MeasureError, Picture,
     Region, Settings, Worst, coloured,
@@ -38,6 +39,9 @@ pub struct CompareArgs {
     /// Figures for each block of a grid
     #[arg(long, value_name = "COLUMNSxROWS")]
     pub blocks: Option<Grid>,
+    /// Write plots (SVG) of every figure over the pictures, with a line for each class, and by blocks
+    #[arg(long, value_name = "FOLDER")]
+    pub plots: Option<PathBuf>,
     /// A file with an LPIPS network
     #[arg(long, value_name = "MODEL")]
     pub lpips: Option<PathBuf>,
@@ -143,6 +147,9 @@ pub fn run(args: &CompareArgs) -> Result<(), CompareError> {
 /// As [`run`].
 pub fn run_to(args: &CompareArgs, out: &mut dyn Write) -> Result<(), CompareError> {
     let report = report(args)?;
+    if let Some(folder) = &args.plots {
+        plot(&report, folder, args.blocks).map_err(CompareError::Measure)?;
+    }
     if args.json {
         serde_json::to_writer_pretty(&mut *out, &report).map_err(std::io::Error::from)?;
         writeln!(out)?;
@@ -204,6 +211,40 @@ fn means(pairs: &[PairReport]) -> Means {
         ssim: ssim.map(mean),
         flip: mean(pairs.iter().map(|p| p.whole.flip).collect()),
     }
+}
+
+/// Plots every figure.
+fn plot(report: &Report, folder: &Path, blocks: Option<Grid>) -> Result<(), MeasureError> {
+    std::fs::create_dir_all(folder).map_err(|source| MeasureError::Io { path: folder.to_owned(), source })?;
+    let classes: BTreeSet<u8> = report.pairs.iter().flat_map(|p| &p.classes).map(|c| c.class).collect();
+    type Figure = fn(&Region) -> Option<f64>;
+    let psnr: Figure = |r| Some(r.psnr);
+    let ssim: Figure = |r| r.ssim;
+    let flip: Figure = |r| Some(r.flip);
+    for (name, figure) in [("PSNR", psnr), ("SSIM", ssim), ("FLIP", flip)] {
+        let line = |name: String, of: &dyn Fn(&PairReport) -> Option<f64>| Line {
+            name,
+            values: report.pairs.iter().map(of).collect(),
+        };
+        let mut lines = vec![line("whole".into(), &|p| figure(&p.whole))];
+        for &class in &classes {
+            let of =
+                |p: &PairReport| p.classes.iter().find(|c| c.class == class).and_then(|c| figure(&c.region));
+            lines.push(line(format!("class {class}"), &of));
+        }
+        let lower = name.to_ascii_lowercase();
+        plots::over_pictures(&folder.join(format!("{lower}.svg")), name, &lines)?;
+        if let Some(Grid(columns, rows)) = blocks {
+            let mean = |block: usize| {
+                let of = |p: &PairReport| p.blocks.get(block).and_then(figure).filter(|v| v.is_finite());
+                let values: Vec<f64> = report.pairs.iter().filter_map(of).collect();
+                (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+            };
+            let means: Vec<Option<f64>> = (0..columns as usize * rows as usize).map(mean).collect();
+            plots::over_blocks(&folder.join(format!("{lower}-blocks.svg")), name, columns, &means)?;
+        }
+    }
+    Ok(())
 }
 
 /// Compares two files, or the files of one name in two folders.
@@ -399,8 +440,15 @@ mod tests {
         }
         a.save(&fa.join("alone.png")).unwrap();
         let words = [&fa, &fb, &masks, &maps].map(|p| p.to_str().unwrap());
-        let text =
-            compare(&[words[0], words[1], "--mask", words[2], "--map", words[3], "--blocks", "2x2"]).unwrap();
+        let plots = folder("plots");
+        let (blocks, into) = (["--blocks", "2x2"], ["--plots", plots.to_str().unwrap()]);
+        let masked = [words[0], words[1], "--mask", words[2], "--map", words[3]];
+        let text = compare(&[&masked[..], &blocks, &into].concat()).unwrap();
+        let plot = |name: &str| std::fs::read_to_string(plots.join(name)).unwrap();
+        // Two pictures, the whole and four classes; the first pair is equal, and its PSNR nowhere finite.
+        assert_eq!(plot("ssim.svg").matches("<circle").count(), 2 * 5);
+        assert_eq!(plot("psnr.svg").matches("<circle").count(), 5);
+        assert!(plot("flip-blocks.svg").matches("<rect").count() >= 4);
         assert!(text.contains("mean of 2:") && text.contains("alone.png has no counterpart"), "{text}");
         for class in 0..4 {
             assert_eq!(text.matches(&format!("class   {class}")).count(), 2, "{text}");

@@ -9,6 +9,7 @@ use motes_scenes::statement::Statement;
 use motes_scenes::{LoadOptions, Splats};
 
 use crate::commands::plan::{PlanArgs, PlanReport};
+use crate::density::Density;
 use crate::error::CommandError;
 use crate::scene_args::SceneArgs;
 
@@ -21,6 +22,9 @@ pub struct InfoArgs {
     /// Level of a streamed scene, 0 is the finest
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub level: u32,
+    /// Count splats by voxels with this side (1 m: the thesis's)
+    #[arg(long, value_name = "METRES", num_args = 0..=1, default_missing_value = "1", value_parser = super::render::voxel)]
+    pub density: Option<f64>,
     /// Print JSON
     #[arg(long)]
     pub json: bool,
@@ -53,6 +57,10 @@ fn on_device(splats: &Splats) -> Vec<OnDevice> {
     list
 }
 
+fn density(opened: &Opened, metres: f64) -> Density {
+    Density::of(&opened.scene.splats, Some(metres / opened.settings.scale))
+}
+
 /// Prints the statement.
 ///
 /// # Errors
@@ -63,6 +71,7 @@ pub fn run(args: &InfoArgs) -> Result<(), CommandError> {
     let statement = Statement::of(&opened.scene);
     let device = on_device(&opened.scene.splats);
     let plan = args.plan.plan.then(|| PlanReport::of(&opened.scene, &statement, &args.plan.overrides()));
+    let density = args.density.map(|side| (side, density(&opened, side)));
     let text = if args.json {
         let mut json = serde_json::json!({
             "statement": statement,
@@ -73,6 +82,15 @@ pub fn run(args: &InfoArgs) -> Result<(), CommandError> {
         });
         if let Some(plan) = &plan {
             json["plan"] = serde_json::to_value(plan).map_err(|e| CommandError::Print(e.into()))?;
+        }
+        if let Some((side, density)) = &density {
+            json["density"] = serde_json::json!({
+                "voxel_metres": side,
+                "voxels": density.of_voxels.len(),
+                "median": density.quantile(0.5),
+                "95_percent": density.quantile(0.95),
+                "most": density.quantile(1.0),
+            });
         }
         format!("{json:#}\n")
     } else {
@@ -88,6 +106,14 @@ pub fn run(args: &InfoArgs) -> Result<(), CommandError> {
             let name = format!("{}{harmonics}", d.precision);
             let (mega, each) = (d.bytes as f64 / 1e6, each(d.bytes));
             let _ = writeln!(text, "  {name:28} {mega:9.2} MB   {each:6.1} bytes a splat");
+        }
+        if let Some((side, density)) = &density {
+            let [median, most_of, most] = [0.5, 0.95, 1.0].map(|share| density.quantile(share));
+            let voxels = density.of_voxels.len();
+            let _ = writeln!(
+                text,
+                "\n{voxels} voxels of {side} m hold splats: median {median}, 95 % up to {most_of}, at most {most}"
+            );
         }
         if let Some(plan) = &plan {
             text.push_str(&plan.to_string());

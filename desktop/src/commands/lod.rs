@@ -8,6 +8,7 @@ use indicatif::ProgressBar;
 use motes_app::lod::{ClassQuality, Model, Quality};
 use motes_app::opened::{Opened, name_of};
 use motes_renderer::View;
+use motes_renderer::detail::recording::Recording;
 use motes_renderer::detail::refit::Goal;
 use motes_renderer::detail::{Simplify, simplify};
 use motes_scenes::labels::{Class, Labels, class_colour};
@@ -239,8 +240,9 @@ fn simplified(
         let share = args.ratio.powi(level as i32);
         let mut coarser = list[level as usize - 1].splats.clone();
         let keep = ((whole * share) as usize).max(1);
-        let how = Simplify { keep, rank: args.by.rank(), rounds: 1, ..Simplify::default() };
-        simplify(&mut coarser, &goals, &options(), &how, |_| ())?;
+        let how = Simplify { keep, rank: args.by.rank(), rounds: 2, ..Simplify::default() };
+        let recording = Recording::of(&coarser, look, &options())?;
+        simplify(&mut coarser, recording, &goals, &options(), &how, |_| ())?;
         let name = format!("{name}, {:.1} %", 100.0 * share);
         list.push(NewLevel { name, step: 1000.0 * share, splats: coarser });
     }

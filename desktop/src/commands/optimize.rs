@@ -9,9 +9,9 @@ use motes_app::opened::Opened;
 use motes_renderer::View;
 use motes_renderer::detail::merge::Alike;
 use motes_renderer::detail::parasites::{Rule, parasites};
-use motes_renderer::detail::refit::Goal;
-use motes_renderer::detail::{Census, Done, Rank, Simplify, simplify};
-use motes_renderer::reference::{self, ReferenceOptions};
+use motes_renderer::detail::recording::Recording;
+use motes_renderer::detail::refit::{Effort, Goal};
+use motes_renderer::detail::{Done, Rank, Simplify, opacity_cut, simplify};
 use motes_scenes::labels::Labels;
 use motes_scenes::{LoadOptions, Splats, save};
 
@@ -53,11 +53,14 @@ pub struct OptimizeArgs {
     #[arg(long)]
     pub keep_parasites: bool,
     /// Rounds of ranking, pruning and fitting
-    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=100))]
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=100))]
     pub rounds: u32,
-    /// Sweeps over all pictures that fit colours and opacities, in each round (0: none)
-    #[arg(long, value_name = "N", default_value_t = 6, value_parser = clap::value_parser!(u32).range(0..=1000))]
-    pub sweeps: u32,
+    /// Steps that fit colours and opacities at the end (one after each other round; 0: none at all)
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(0..=1000))]
+    pub steps: u32,
+    /// Passes over all layers in each step
+    #[arg(long, value_name = "N", default_value_t = 6, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub passes: u32,
     /// Write pictures of up to four views here: original, ours, opacity cut, and their errors
     #[arg(long, value_name = "FOLDER")]
     pub pictures: Option<PathBuf>,
@@ -140,7 +143,7 @@ pub fn run(args: &OptimizeArgs) -> Result<(), CommandError> {
     let bench = Bench::new(&opened.scene.splats, &judge, &options(), settings)?;
     let (original, _) = bench.judge(&opened.scene.splats)?;
     let (ours, our_pictures) = bench.judge(&optimised.splats)?;
-    let cut = opacity_cut(&opened.scene.splats, optimised.splats.len())?;
+    let cut = opacity_cut(&opened.scene.splats, optimised.splats.len());
     let (opacity_cut, cut_pictures) = bench.judge(&cut)?;
     progress.finish_and_clear();
     if let Some(folder) = &args.pictures {
@@ -202,27 +205,31 @@ pub fn optimise(original: &Splats, look: &[View], args: &OptimizeArgs) -> Result
     let options = options();
     let progress = spinner("looking");
     let mut splats = original.clone();
-    let removed = if args.keep_parasites { 0 } else { remove_parasites(&mut splats, look, &options)? };
+    let mut recording = Recording::of(&splats, look, &options)?;
+    let removed = match args.keep_parasites {
+        true => 0,
+        false => remove_parasites(&mut splats, look, &mut recording),
+    };
     let how = |keep: usize| Simplify {
         keep,
         rank: args.by.rank(),
         merge: (!args.no_merge).then(Alike::default),
         rounds: args.rounds as usize,
-        sweeps: args.sweeps as usize,
+        effort: Effort { steps: args.steps as usize, passes: args.passes as usize },
     };
-    let run = |goals: &[Goal], keep: usize| {
+    let run = |recording: Recording, goals: &[Goal], keep: usize| {
         let mut smaller = splats.clone();
-        let done = simplify(&mut smaller, goals, &options, &how(keep), |what| {
+        let done = simplify(&mut smaller, recording, goals, &options, &how(keep), |what| {
             progress.set_message(format!("{what}, {keep} splats"));
             progress.tick();
         })?;
         Ok::<_, CommandError>((smaller, done))
     };
-    let goals: Vec<Goal> = look.iter().map(|v| Goal::of(&splats, v, &options)).collect::<Result<_, _>>()?;
+    let goals = Goal::of_recording(&splats, look, &recording);
     let n = original.len();
     let (splats, done) = if args.flip.is_none() && args.layers.is_none() {
         let keep = (args.keep.unwrap_or(0.65) * n as f64).floor() as usize;
-        run(&goals, keep)?
+        run(recording, &goals, keep)?
     } else {
         // Chosen on views that nothing is fitted to; the final one is fitted to all.
         let seats: Vec<Seat> = look
@@ -232,12 +239,14 @@ pub fn optimise(original: &Splats, look: &[View], args: &OptimizeArgs) -> Result
             .collect();
         let settings = Settings { pixels_per_degree: args.ppd, ..Settings::default() };
         let bench = Bench::new(original, &seats, &options, settings)?;
-        let fitted: Vec<Goal> = (look.iter().enumerate())
-            .filter(|(i, _)| i % TUNING != 0 || look.len() < TUNING)
-            .map(|(_, v)| Goal::of(&splats, v, &options))
-            .collect::<Result<_, _>>()?;
-        let keep = search(n, args, |keep| Ok(bench.judge(&run(&fitted, keep)?.0)?.0))?;
-        run(&goals, keep)?
+        let fitted = |i: usize| !i.is_multiple_of(TUNING) || look.len() < TUNING;
+        let some: Vec<View> = (0..look.len()).filter(|i| fitted(*i)).map(|i| look[i]).collect();
+        let of_some = Recording::of(&splats, &some, &options)?;
+        let goals_of_some = Goal::of_recording(&splats, &some, &of_some);
+        let keep =
+            search(n, args, |keep| Ok(bench.judge(&run(of_some.clone(), &goals_of_some, keep)?.0)?.0))?;
+        drop(of_some);
+        run(recording, &goals, keep)?
     };
     progress.finish_and_clear();
     Ok(Optimised { splats, parasites: removed, done })
@@ -296,40 +305,16 @@ fn search(
     Ok((high * n as f64).ceil() as usize)
 }
 
-fn remove_parasites(
-    splats: &mut Splats,
-    look: &[View],
-    options: &ReferenceOptions,
-) -> Result<usize, CommandError> {
-    let mut census = Census::new(splats.len());
-    let mut distances = Vec::new();
-    for view in look {
-        census.look(splats, view, options)?;
-        let image = reference::render(splats, view, options)?;
-        let mut depths: Vec<f64> =
-            image.pixels.iter().map(|p| p.median_depth).filter(|d| d.is_finite()).collect();
-        let middle = depths.len() / 2;
-        distances.push(if depths.is_empty() {
-            f64::INFINITY
-        } else {
-            *depths.select_nth_unstable_by(middle, f64::total_cmp).1
-        });
-    }
-    let found = parasites(splats, look, &distances, &census.finish(), Rule::default());
+fn remove_parasites(splats: &mut Splats, look: &[View], recording: &mut Recording) -> usize {
+    let distances = recording.distances(splats);
+    let found = parasites(splats, look, &distances, &recording.importance(splats), Rule::default());
     let mut gone = vec![false; splats.len()];
     for &i in &found {
         gone[i as usize] = true;
     }
+    recording.retain(splats.len(), |i| !gone[i]);
     splats.retain(|i| !gone[i]);
-    Ok(found.len())
-}
-
-/// The baseline: the splats with the highest opacity.
-fn opacity_cut(original: &Splats, keep: usize) -> Result<Splats, CommandError> {
-    let mut cut = original.clone();
-    let how = Simplify { keep, rank: Rank::Opacity, merge: None, rounds: 1, sweeps: 0 };
-    simplify(&mut cut, &[], &options(), &how, |_| ())?;
-    Ok(cut)
+    found.len()
 }
 
 fn spinner(message: &'static str) -> ProgressBar {

@@ -15,7 +15,7 @@ use std::sync::Arc;
 use super::lod_walk::lod_target;
 use crate::config_args::ConfigArgs;
 use crate::error::CommandError;
-use crate::heat::Heat;
+use crate::heat::{Given, Heat};
 use crate::measure::Picture;
 use crate::scene_args::SceneArgs;
 use crate::shots::{Shot, ShotArgs};
@@ -49,6 +49,9 @@ pub struct RenderArgs {
     /// A heat map instead of colours
     #[arg(long, value_name = "WHAT")]
     pub heat: Option<Heat>,
+    /// With --heat density: side of a voxel (a 64th of the scene, where it is not named)
+    #[arg(long, value_name = "METRES", requires = "heat", value_parser = voxel)]
+    pub voxel: Option<f64>,
     /// Print the figures of each picture as JSON
     #[arg(long)]
     pub json: bool,
@@ -68,6 +71,12 @@ struct Line<'a> {
     file: &'a Path,
     #[serde(skip_serializing_if = "Option::is_none")]
     report: Option<FrameReport>,
+}
+
+/// The side of a voxel, metres.
+pub fn voxel(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| format!("'{text}' is not a number"))?;
+    if (1e-6..=1e6).contains(&value) { Ok(value) } else { Err("it must be 0.000001 to 1000000".into()) }
 }
 
 /// Renders.
@@ -141,7 +150,10 @@ pub fn run(args: &RenderArgs) -> Result<(), CommandError> {
             studio.scene().positions.choose(parts);
         }
         let painted = match args.heat {
-            Some(heat) => heat.of_splats(&splats, &views[0], &opened.classes, fineness)?,
+            Some(heat) => {
+                let given = Given { fineness, voxel: args.voxel.map(|v| v / opened.settings.scale) };
+                heat.of_splats(&splats, &views[0], &opened.classes, given)?
+            }
             None => None,
         };
         let (mut pictures, report) = match (&gpu, &mut studio, &painted) {

@@ -41,7 +41,7 @@ pub struct ViewArgs {
     /// Of a file of levels: SSIM to keep, as a share of the finest level's
     #[arg(long, value_name = "SSIM", default_value_t = 0.97, value_parser = lod_target)]
     pub lod_target: f64,
-    /// Read a file of levels on the way, in the order of need, into so much memory
+    /// Read a file of levels, or a streamed SOG scene, on the way, in the order of need, into so much memory
     #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u64).range(1..=1 << 20))]
     pub lod_memory: Option<u64>,
     #[command(flatten)]

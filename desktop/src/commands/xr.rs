@@ -74,6 +74,9 @@ pub struct XrArgs {
     /// it yet)
     #[arg(long)]
     pub foveation: bool,
+    /// Read a file of levels, or a streamed SOG scene, on the way, in the order of need, into so much memory
+    #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u64).range(1..=1 << 20))]
+    pub lod_memory: Option<u64>,
     /// With OpenXR's and Vulkan's validation layers
     #[arg(long)]
     pub validation: bool,
@@ -85,6 +88,18 @@ impl XrArgs {
     /// How a frame is drawn.
     pub fn config(&self) -> RenderConfig {
         self.config.config()
+    }
+
+    /// Where the scene comes from.
+    fn source(&self) -> Result<SceneSource, CommandError> {
+        let paths = self.scenes.paths();
+        match (self.lod_memory, paths.as_slice()) {
+            (None, _) => Ok(SceneSource::Files(paths)),
+            (Some(mebibytes), [path]) => Ok(SceneSource::Within(path.clone(), mebibytes << 20)),
+            _ => Err(CommandError::Usage(
+                "--lod-memory reads one file of levels, or one streamed scene".into(),
+            )),
+        }
     }
 }
 
@@ -139,7 +154,7 @@ pub fn run(args: &XrArgs) -> Result<Outcome, CommandError> {
         return Ok(Outcome::Shown);
     }
     let options = ShowOptions {
-        source: SceneSource::Files(args.scenes.paths()),
+        source: args.source()?,
         storage,
         comfort: settings.comfort,
         budget,
@@ -191,7 +206,7 @@ pub fn open_window(args: &XrArgs) -> Result<(), CommandError> {
         by_plan: args.config.by_plan(),
         budget: args.budget,
         lod_target: Tuning::default().target,
-        lod_memory: None,
+        lod_memory: args.lod_memory.map(|mebibytes| mebibytes << 20),
         stereo: false,
         panel: true,
         size: [1600, 900],
@@ -200,4 +215,34 @@ pub fn open_window(args: &XrArgs) -> Result<(), CommandError> {
         validation: args.validation,
         paced: true,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(clap::Parser)]
+    struct Cli {
+        #[command(flatten)]
+        args: XrArgs,
+    }
+
+    #[test]
+    fn one_scene_is_read_within_a_memory() {
+        let source = |words: &[&str]| {
+            Cli::try_parse_from([&["xr"], words].concat())
+                .map(|cli| cli.args.source().map_err(|e| e.to_string()))
+        };
+        let within = source(&["a.mlod", "--lod-memory", "64"]).unwrap().unwrap();
+        assert!(
+            matches!(within, SceneSource::Within(path, bytes) if path == std::path::Path::new("a.mlod") && bytes == 64 << 20)
+        );
+        assert!(
+            matches!(source(&["a.mlod"]).unwrap().unwrap(), SceneSource::Files(paths) if paths.len() == 1)
+        );
+        let two = source(&["a.mlod", "b.mlod", "--lod-memory", "64"]).unwrap();
+        assert!(two.unwrap_err().contains("one file of levels"));
+        assert!(source(&["a.mlod", "--lod-memory", "0"]).is_err());
+    }
 }

@@ -9,6 +9,7 @@ mod flip;
 mod mask;
 mod matching;
 mod picture;
+pub mod plots;
 mod psnr;
 mod ssim;
 

@@ -10,10 +10,12 @@ use motes_app::lod::Tuning;
 use motes_app::opened::Opened;
 use motes_app::viewer::Viewer;
 use motes_renderer::{RenderConfig, View};
+use motes_scenes::Splats;
+use motes_scenes::labels::Class;
 
 use super::screen::Screen;
 use crate::error::CommandError;
-use crate::heat::Heat;
+use crate::heat::{Given, Heat};
 use crate::measure::Picture;
 use crate::studio::side_by_side;
 
@@ -30,7 +32,11 @@ struct Request {
     views: Vec<View>,
     config: RenderConfig,
     detail: Tuning,
+    /// Labels that are being changed, instead of the scene's.
+    labels: Option<NewLabels>,
 }
+
+type NewLabels = (Arc<Vec<u16>>, Vec<Class>);
 
 impl PartialEq for Request {
     fn eq(&self, other: &Self) -> bool {
@@ -39,6 +45,10 @@ impl PartialEq for Request {
             && self.views == other.views
             && self.config == other.config
             && self.detail == other.detail
+            && match (&self.labels, &other.labels) {
+                (Some(a), Some(b)) => Arc::ptr_eq(&a.0, &b.0) && a.1 == b.1,
+                (a, b) => a.is_none() && b.is_none(),
+            }
     }
 }
 
@@ -62,13 +72,24 @@ impl HeatMap {
         self.chosen = kinds.get(next).copied();
     }
 
+    /// Shows labels while they are changed, and nothing after.
+    pub fn show_labels(&mut self, on: bool) {
+        self.chosen = on.then_some(Heat::Labels);
+    }
+
     /// Whether a map is on its way.
     pub fn is_busy(&self) -> bool {
         self.job.is_some() || self.chosen.is_some() && self.last.as_ref() != self.made.as_ref().map(|m| &m.0)
     }
 
-    /// Takes a map that is done, and begins one where the eye rests.
-    pub fn update(&mut self, context: &egui::Context, viewer: &mut Viewer, screen: &mut Screen) {
+    /// Takes a map that is done, and begins one where the eye rests; of these labels, where they are being changed.
+    pub fn update(
+        &mut self,
+        context: &egui::Context,
+        viewer: &mut Viewer,
+        screen: &mut Screen,
+        labels: Option<NewLabels>,
+    ) {
         if let Some((request, job)) = self.job.take_if(|(_, job)| job.is_finished()) {
             let picture =
                 job.join().unwrap_or_else(|_| Err(CommandError::Failed("the map's thread ended".into())));
@@ -79,7 +100,7 @@ impl HeatMap {
             });
             self.made = Some((request, texture));
         }
-        let wanted = self.wanted(viewer, screen.size());
+        let wanted = self.wanted(viewer, screen.size(), labels);
         let rests = wanted.is_some() && wanted == self.last;
         self.last = wanted;
         let Some(request) = self.last.clone().filter(|_| rests && self.job.is_none()) else { return };
@@ -93,15 +114,21 @@ impl HeatMap {
         };
         let job = request.clone();
         let job = std::thread::Builder::new().name("heat map".into()).spawn(move || {
-            let Request { heat, opened, views, config, detail } = job;
+            let Request { heat, opened, views, config, detail, labels } = job;
+            if let Some((ids, classes)) = labels {
+                let splats = Splats { labels: Some(ids.to_vec()), ..opened.scene.splats.clone() };
+                let scene = (&splats, Given::default());
+                return side_by_side(&heat.pictures(scene, &classes, &views, &config, &drawn?)?);
+            }
             let Some(levels) = &opened.levels else {
-                let scene = (&opened.scene.splats, None);
+                let scene = (&opened.scene.splats, Given::default());
                 return side_by_side(&heat.pictures(scene, &opened.classes, &views, &config, &drawn?)?);
             };
             let mut choice = levels.choice(detail);
             choice.settle(&views);
             let parts = levels.parts(choice.shares());
-            let scene = (&levels.drawn(&parts), Some(levels.fineness(&parts)));
+            let given = Given { fineness: Some(levels.fineness(&parts)), ..Given::default() };
+            let scene = (&levels.drawn(&parts), given);
             side_by_side(&heat.pictures(scene, &opened.classes, &views, &config, &drawn?)?)
         });
         match job {
@@ -110,7 +137,7 @@ impl HeatMap {
         }
     }
 
-    fn wanted(&self, viewer: &Viewer, size: [u32; 2]) -> Option<Request> {
+    fn wanted(&self, viewer: &Viewer, size: [u32; 2], labels: Option<NewLabels>) -> Option<Request> {
         let (heat, stage) = (self.chosen?, viewer.stage.as_ref()?);
         let longest = size[0].max(size[1]).max(1);
         let size = size.map(|s| (s * LONGEST.min(longest) / longest).max(1));
@@ -121,6 +148,7 @@ impl HeatMap {
             views: viewer.views(size),
             config,
             detail: viewer.detail,
+            labels: labels.filter(|_| heat == Heat::Labels),
         })
     }
 

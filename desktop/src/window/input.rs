@@ -23,6 +23,7 @@ Space           stop or continue time
 [ ]             half or twice the speed
 R, L            time backwards; at the ends loop, turn round or stop
 H               heat maps of what is seen, one after another: layers, hidden layers, error, …
+B               label by hand: the left button marks with a brush or a box (B again: ends it)
 P               save a picture
 Tab             show or hide the panel
 Esc             quit
@@ -76,6 +77,7 @@ impl Input {
             KeyCode::KeyR => Command::Time(TimeCommand::Reverse),
             KeyCode::KeyL => Command::Time(TimeCommand::NextRepeat),
             KeyCode::KeyH => Command::SwitchHeatMap,
+            KeyCode::KeyB => Command::SwitchMarking,
             KeyCode::KeyP => Command::Screenshot,
             KeyCode::Tab => Command::SwitchPanel,
             KeyCode::Escape => Command::Quit,
@@ -102,6 +104,11 @@ impl Input {
                 *sum = [sum[0] + by[0], sum[1] + by[1]];
             }
         }
+    }
+
+    /// Where the cursor is, pixels; none before it was anywhere.
+    pub fn place(&self) -> Option<[f64; 2]> {
+        self.cursor
     }
 
     /// The wheel turns; a line, or some 40 pixels, is one step.

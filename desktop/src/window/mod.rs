@@ -2,6 +2,7 @@
 
 mod heat;
 mod input;
+mod marking;
 mod preview;
 mod screen;
 mod swapchain;
@@ -16,7 +17,7 @@ use motes_renderer::RenderConfig;
 use motes_renderer::gpu::{Gpu, GpuOptions, Plain};
 use motes_renderer::plan::Overrides;
 use winit::application::ApplicationHandler;
-use winit::event::{ElementState, WindowEvent};
+use winit::event::{ElementState, MouseButton, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop};
 use winit::keyboard::PhysicalKey;
 use winit::raw_window_handle::{HasDisplayHandle, HasWindowHandle, RawDisplayHandle};
@@ -26,6 +27,7 @@ use crate::error::CommandError;
 use crate::studio::no_complaints;
 use heat::HeatMap;
 use input::{Gamepads, Input};
+use marking::Markers;
 use screen::Screen;
 
 pub use input::KEYS;
@@ -120,6 +122,7 @@ struct Open {
     screen: Screen,
     viewer: Viewer,
     heat: HeatMap,
+    markers: Markers,
     gpu: Arc<Gpu>,
     egui: egui_winit::State,
     input: Input,
@@ -158,7 +161,8 @@ impl ApplicationHandler for Shell {
     fn about_to_wait(&mut self, event_loop: &ActiveEventLoop) {
         let Some(open) = &mut self.open else { return };
         let now = Instant::now();
-        if now < open.awake || open.viewer.is_busy() || open.heat.is_busy() || open.gamepads.is_moved() {
+        let busy = open.viewer.is_busy() || open.heat.is_busy() || open.markers.is_busy();
+        if now < open.awake || busy || open.gamepads.is_moved() {
             event_loop.set_control_flow(ControlFlow::Poll);
             open.window.request_redraw();
         } else {
@@ -214,6 +218,7 @@ impl Open {
             screen,
             viewer,
             heat: HeatMap::default(),
+            markers: Markers::default(),
             gpu,
             egui,
             input,
@@ -254,9 +259,16 @@ impl Open {
             WindowEvent::MouseInput { state, button, .. }
                 if !consumed || *state == ElementState::Released =>
             {
-                self.input.button(*button, *state);
+                if self.markers.is_on() && *button == MouseButton::Left {
+                    self.markers.button(*state == ElementState::Pressed, self.input.place());
+                } else {
+                    self.input.button(*button, *state);
+                }
             }
-            WindowEvent::CursorMoved { position, .. } => self.input.cursor([position.x, position.y]),
+            WindowEvent::CursorMoved { position, .. } => {
+                self.input.cursor([position.x, position.y]);
+                self.markers.cursor([position.x, position.y]);
+            }
             WindowEvent::MouseWheel { delta, .. } if !consumed => self.input.wheel(*delta),
             _ => {}
         }
@@ -268,6 +280,10 @@ impl Open {
         match command {
             Command::Quit => return Ok(false),
             Command::SwitchHeatMap => self.heat.switch(),
+            Command::SwitchMarking => {
+                self.viewer.message = self.markers.switch(&self.viewer);
+                self.heat.show_labels(self.markers.is_on());
+            }
             Command::Screenshot => match self.picture() {
                 Ok(file) => {
                     println!("{}", file.display());
@@ -317,11 +333,14 @@ impl Open {
 
         let raw = self.egui.take_egui_input(&self.window);
         let context = self.egui.egui_ctx().clone();
-        self.heat.update(&context, &mut self.viewer, &mut self.screen);
+        self.markers.update(&mut self.viewer, self.screen.size());
+        self.heat.update(&context, &mut self.viewer, &mut self.screen, self.markers.labels());
         let (viewer, figures, heat) = (&mut self.viewer, &self.screen.figures, &self.heat);
+        let markers = &mut self.markers;
         let device = &self.gpu.capabilities.device;
         let output = context.run_ui(raw, |ui| {
             heat.show(ui);
+            markers.show(ui, viewer, ui.ctx().pixels_per_point());
             if viewer.panel {
                 egui::Panel::right("panel").default_size(330.0).show(ui, |ui| {
                     commands.extend(motes_app::panel::show(ui, viewer, figures, device));

@@ -6,18 +6,22 @@
 //! are the same on every run, in whatever order threads finish.
 //!
 //! * [`Census`]: what each splat gives to pictures from many views.
+//! * [`mark`]: what a region of a picture shows.
 //! * [`vote`]: from classes of pixels to classes of splats.
+//! * [`recording`]: the layers of many pictures, kept for [`refit`].
 //! * [`parasites`], [`merge`], [`refit`], and [`simplify()`], which uses them: scenes that look the same with less.
 
+pub mod mark;
 pub mod merge;
 pub mod parasites;
+pub mod recording;
 pub mod refit;
 mod simplify;
 mod sums;
 mod visible;
 pub mod vote;
 
-pub use simplify::{Done, Rank, Simplify, lowest_first, simplify};
+pub use simplify::{Done, Rank, Simplify, lowest_first, opacity_cut, simplify};
 pub use visible::{Census, Importance};
 
 #[cfg(test)]

@@ -2,9 +2,10 @@
 
 use motes_scenes::Splats;
 
+use super::Importance;
 use super::merge::{self, Alike};
-use super::refit::{Goal, refit};
-use super::{Census, Importance};
+use super::recording::Recording;
+use super::refit::{Effort, Goal, refit};
 use crate::reference::{ReferenceError, ReferenceOptions};
 
 /// By what splats are ranked.
@@ -19,13 +20,11 @@ pub enum Rank {
     Weight,
     /// Largest visible blending weight at a pixel ([`Importance::peak`]).
     Peak,
-    /// Opacity: the cut of the report's figure 17 (`002`), the naive baseline.
-    Opacity,
 }
 
 impl Rank {
     /// A value per splat; the lower, the less it is missed.
-    pub fn values(self, splats: &Splats, importance: &Importance) -> Vec<f64> {
+    pub fn values(self, importance: &Importance) -> Vec<f64> {
         match self {
             Self::Change => importance.change.clone(),
             Self::ChangePerLayer => {
@@ -33,7 +32,6 @@ impl Rank {
             }
             Self::Weight => importance.weight.clone(),
             Self::Peak => importance.peak.clone(),
-            Self::Opacity => splats.opacities.iter().map(|&o| f64::from(o)).collect(),
         }
     }
 }
@@ -54,15 +52,17 @@ pub struct Simplify {
     pub rank: Rank,
     /// Which neighbours are merged first, for at most half of what has to go; none: no merging.
     pub merge: Option<Alike>,
-    /// Rounds of ranking: splats that hide each other's absence must not all go at once.
+    /// Rounds of ranking: splats that hide each other's absence must not all go at once, and what is fitted between the rounds
+    /// takes over from what went.
     pub rounds: usize,
-    /// Sweeps of the re-fit after each round; 0: colours and opacities stay.
-    pub sweeps: usize,
+    /// How colours and opacities are fitted after the last round; one step of it after each of the others. No steps: they stay.
+    pub effort: Effort,
 }
 
 impl Default for Simplify {
     fn default() -> Self {
-        Self { keep: 0, rank: Rank::Change, merge: Some(Alike::default()), rounds: 2, sweeps: 6 }
+        let effort = Effort { steps: 3, passes: 6 };
+        Self { keep: 0, rank: Rank::Change, merge: Some(Alike::default()), rounds: 5, effort }
     }
 }
 
@@ -75,52 +75,75 @@ pub struct Done {
     pub pruned: usize,
 }
 
-/// Simplifies a scene so that it still looks like the goals, whose pictures are the whole scene's. A scene that has no more
-/// splats than are to be kept stays as it is.
+/// Simplifies a scene so that it still looks like the goals, whose pictures are the whole scene's. The recording is of the
+/// scene from the goals' views. A scene that has no more splats than are to be kept stays as it is.
 ///
 /// # Errors
 /// The reference's.
 pub fn simplify(
     splats: &mut Splats,
+    mut recording: Recording,
     goals: &[Goal],
     options: &ReferenceOptions,
     how: &Simplify,
     mut told: impl FnMut(&str),
 ) -> Result<Done, ReferenceError> {
     let mut done = Done::default();
+    if splats.len() <= how.keep {
+        return Ok(done);
+    }
+    if let Some(alike) = how.merge {
+        told("merging neighbours");
+        let pairs = merge::pairs(splats, alike, (splats.len() - how.keep) / 2);
+        done.merged = pairs.len();
+        merge::merge(splats, &pairs);
+    }
+    let views = || goals.iter().map(|g| &g.view);
+    let fits = how.effort.steps > 0;
+    let between = Effort { steps: 1, ..how.effort };
+    if done.merged > 0 {
+        told("looking");
+        recording = Recording::of(splats, views(), options)?;
+        if fits {
+            told("fitting colours and opacities");
+            refit(splats, &recording, goals, between)?;
+        }
+    }
     let rounds = how.rounds.max(1);
     let excess = splats.len().saturating_sub(how.keep);
     for round in 1..=rounds {
         // The same share of the way in each round.
-        let target = how.keep + excess * (rounds - round) / rounds;
-        if splats.len() <= target {
-            continue;
-        }
-        if let Some(alike) = how.merge {
-            told("merging neighbours");
-            let pairs = merge::pairs(splats, alike, (splats.len() - target) / 2);
-            done.merged += pairs.len();
-            merge::merge(splats, &pairs);
-        }
-        if how.rank == Rank::Opacity {
-            prune(splats, &Rank::Opacity.values(splats, &Importance::default()), target, &mut done);
-        } else {
-            told("ranking splats");
-            let mut census = Census::new(splats.len());
-            for goal in goals {
-                census.look(splats, &goal.view, options)?;
-            }
-            prune(splats, &how.rank.values(splats, &census.finish()), target, &mut done);
-        }
-        if how.sweeps > 0 {
+        told("ranking splats");
+        let values = how.rank.values(&recording.importance(splats));
+        let before = splats.len();
+        let (gone, pruned) = prune(splats, &values, how.keep + excess * (rounds - round) / rounds);
+        done.pruned += pruned;
+        if fits && round < rounds {
             told("fitting colours and opacities");
-            refit(splats, goals, options, how.sweeps)?;
+            recording.retain(before, |i| !gone[i]);
+            refit(splats, &recording, goals, between)?;
         }
+    }
+    // What has grown reaches further, and what was hidden shows: looked at again.
+    if fits {
+        told("fitting colours and opacities");
+        drop(recording);
+        let recording = Recording::of(splats, views(), options)?;
+        refit(splats, &recording, goals, how.effort)?;
     }
     Ok(done)
 }
 
-fn prune(splats: &mut Splats, values: &[f64], target: usize, done: &mut Done) {
+/// The splats with the highest opacities: the cut of the report's figure 17 (`002`), the naive baseline.
+pub fn opacity_cut(splats: &Splats, keep: usize) -> Splats {
+    let mut cut = splats.clone();
+    let opacities: Vec<f64> = splats.opacities.iter().map(|&o| f64::from(o)).collect();
+    prune(&mut cut, &opacities, keep);
+    cut
+}
+
+/// Removes what has the lowest values; returns what is gone of the scene before, and how much that is.
+fn prune(splats: &mut Splats, values: &[f64], target: usize) -> (Vec<bool>, usize) {
     let order = lowest_first(values);
     let excess = splats.len().saturating_sub(target);
     let mut gone = vec![false; splats.len()];
@@ -128,7 +151,7 @@ fn prune(splats: &mut Splats, values: &[f64], target: usize, done: &mut Done) {
         gone[i as usize] = true;
     }
     splats.retain(|i| !gone[i]);
-    done.pruned += excess;
+    (gone, excess)
 }
 
 #[cfg(test)]
@@ -156,21 +179,26 @@ mod tests {
         let goals: Vec<Goal> = views.iter().map(|v| Goal::of(&whole, v, &options).unwrap()).collect();
         let run = |how: Simplify| {
             let mut splats = whole.clone();
-            let done = simplify(&mut splats, &goals, &options, &how, |_| ()).unwrap();
+            let recording = Recording::of(&splats, &views, &options).unwrap();
+            let done = simplify(&mut splats, recording, &goals, &options, &how, |_| ()).unwrap();
             assert_eq!(splats.len(), how.keep.min(600));
             assert_eq!(done.merged + done.pruned, 600 - splats.len());
             residual(&splats, &goals, &options).unwrap()
         };
-        let plain = Simplify { keep: 300, merge: None, rounds: 1, sweeps: 0, ..Default::default() };
+        let plain = Simplify { keep: 300, merge: None, rounds: 1, effort: NO_FIT, ..Default::default() };
         let ours = run(Simplify { keep: 300, ..Default::default() });
         let chosen = run(plain);
-        let cut = run(Simplify { rank: Rank::Opacity, ..plain });
+        let cut = opacity_cut(&whole, 300);
+        assert_eq!(cut.len(), 300);
+        let cut = residual(&cut, &goals, &options).unwrap();
         assert!(ours < chosen && chosen < 0.7 * cut, "{ours} {chosen} {cut}");
         assert_eq!(
             run(Simplify { keep: 10_000, ..plain }),
             0.0_f64.max(run(Simplify { keep: 600, ..plain }))
         );
     }
+
+    const NO_FIT: Effort = Effort { steps: 0, passes: 0 };
 
     #[test]
     fn ranks_are_stable() {

@@ -15,6 +15,7 @@ pub(crate) mod sog;
 pub(crate) mod splat;
 pub(crate) mod splatv;
 pub(crate) mod spz;
+pub(crate) mod streamed_parts;
 pub(crate) mod streamed_sog;
 pub(crate) mod values;
 

@@ -83,7 +83,7 @@ pub(crate) fn read(source: &Source, ctx: &LoadContext<'_>) -> Result<Splats, Sce
     }
     if let Some(environment) = &index.environment {
         let sog = open_piece(&folder.join(environment), ctx)?;
-        let all = Range { level, file: 0, offset: 0, count: sog.count() };
+        let all = Range { level, file: 0, offset: 0, count: sog.count(), leaf: 0 };
         pieces.push((sog, vec![all]));
     }
 
@@ -112,7 +112,7 @@ pub(crate) fn read(source: &Source, ctx: &LoadContext<'_>) -> Result<Splats, Sce
 }
 
 /// Opens a piece, whose bytes on disk count.
-fn open_piece(path: &Path, ctx: &LoadContext<'_>) -> Result<Sog, SceneError> {
+pub(super) fn open_piece(path: &Path, ctx: &LoadContext<'_>) -> Result<Sog, SceneError> {
     let source = Source::open(path)?;
     ctx.add_bytes(source.len());
     Sog::open(&source, ctx)
@@ -120,20 +120,27 @@ fn open_piece(path: &Path, ctx: &LoadContext<'_>) -> Result<Sog, SceneError> {
 
 /// A leaf's splats of one level.
 #[derive(Clone, Copy, Debug)]
-struct Range {
-    level: u32,
-    file: u32,
-    offset: u64,
-    count: u64,
+pub(super) struct Range {
+    pub level: u32,
+    pub file: u32,
+    pub offset: u64,
+    pub count: u64,
+    /// Which leaf, counted from 0.
+    pub leaf: u32,
 }
 
+/// Lowest and highest corner of a box, metres.
+pub(super) type Corners = [[f64; 3]; 2];
+
 /// `lod-meta.json`.
-struct Index {
-    path: std::path::PathBuf,
-    levels: u32,
-    names: Vec<String>,
-    environment: Option<String>,
-    ranges: Vec<Range>,
+pub(super) struct Index {
+    pub path: std::path::PathBuf,
+    pub levels: u32,
+    pub names: Vec<String>,
+    pub environment: Option<String>,
+    pub ranges: Vec<Range>,
+    /// The box of each leaf: its own, or of the nearest node above that has one.
+    pub leaves: Vec<Option<Corners>>,
 }
 
 /// More levels than any scene has.
@@ -149,7 +156,7 @@ struct Head {
 }
 
 impl Index {
-    fn read(source: &Source, ctx: &LoadContext<'_>) -> Result<Self, SceneError> {
+    pub fn read(source: &Source, ctx: &LoadContext<'_>) -> Result<Self, SceneError> {
         let (path, text) = if source.is_folder() {
             let file = Source::open(&source.path().join("lod-meta.json"))?;
             ctx.add_bytes(file.len());
@@ -169,16 +176,15 @@ impl Index {
                 "Export it as version 1, or look for a newer Motes",
             ));
         }
-        let mut ranges = Vec::new();
-        Tree(&mut ranges)
-            .deserialize(&mut serde_json::Deserializer::from_slice(&text))
-            .map_err(wrong_json)?;
+        let mut found = Found::default();
+        Tree(&mut found).deserialize(&mut serde_json::Deserializer::from_slice(&text)).map_err(wrong_json)?;
         let index = Self {
             path: path.clone(),
             levels: head.levels,
             names: head.filenames,
             environment: head.environment,
-            ranges,
+            ranges: found.ranges,
+            leaves: found.leaves,
         };
         index.check()?;
         Ok(index)
@@ -222,20 +228,46 @@ impl Index {
         pieces
     }
 
-    fn wrong(&self, place: impl Into<String>, problem: impl Into<String>) -> SceneError {
+    pub fn wrong(&self, place: impl Into<String>, problem: impl Into<String>) -> SceneError {
         SceneError::malformed(&self.path, place, problem, EXPORT_AGAIN)
     }
 }
 
+/// The leaves of the tree.
+#[derive(Default)]
+struct Found {
+    ranges: Vec<Range>,
+    leaves: Vec<Option<Corners>>,
+}
+
 /// Takes the leaves out of the file without building the tree, which a damaged file could make large.
 /// (The JSON reader bounds its depth.)
-struct Tree<'a>(&'a mut Vec<Range>);
+struct Tree<'a>(&'a mut Found);
 
-/// A node, or a list of nodes.
-struct Node<'a>(&'a mut Vec<Range>);
+/// A node, or a list of nodes, within the box of the node above.
+struct Node<'a>(&'a mut Found, Option<Corners>);
 
 /// A leaf's levels.
-struct Levels<'a>(&'a mut Vec<Range>);
+struct Levels<'a>(&'a mut Found);
+
+/// A node's box, where it says something of use.
+#[derive(serde::Deserialize)]
+#[serde(untagged)]
+enum Bound {
+    Box { min: [f64; 3], max: [f64; 3] },
+    Other(IgnoredAny),
+}
+
+impl Bound {
+    fn corners(self) -> Option<Corners> {
+        match self {
+            Self::Box { min, max } => (0..3)
+                .all(|k| min[k].is_finite() && max[k].is_finite() && min[k] <= max[k])
+                .then_some([min, max]),
+            Self::Other(_) => None,
+        }
+    }
+}
 
 #[derive(serde::Deserialize)]
 struct Piece {
@@ -269,7 +301,7 @@ impl<'de> Visitor<'de> for Tree<'_> {
         let mut found = false;
         while let Some(key) = map.next_key::<Cow<str>>()? {
             if key == "tree" {
-                map.next_value_seed(Node(&mut *self.0))?;
+                map.next_value_seed(Node(&mut *self.0, None))?;
                 found = true;
             } else {
                 map.next_value::<IgnoredAny>()?;
@@ -287,17 +319,32 @@ impl<'de> Visitor<'de> for Node<'_> {
     }
 
     fn visit_seq<A: SeqAccess<'de>>(self, mut nodes: A) -> Result<(), A::Error> {
-        while nodes.next_element_seed(Node(&mut *self.0))?.is_some() {}
+        while nodes.next_element_seed(Node(&mut *self.0, self.1))?.is_some() {}
         Ok(())
     }
 
     fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<(), A::Error> {
+        let (mut own, mut leaf) = (None, None);
+        let first = self.0.leaves.len();
         while let Some(key) = map.next_key::<Cow<str>>()? {
             match key.as_ref() {
-                "children" => map.next_value_seed(Node(&mut *self.0))?,
-                "lods" => map.next_value_seed(Levels(&mut *self.0))?,
+                "bound" => own = map.next_value::<Bound>()?.corners(),
+                "children" => map.next_value_seed(Node(&mut *self.0, own.or(self.1)))?,
+                "lods" => {
+                    leaf = Some(self.0.leaves.len());
+                    self.0.leaves.push(self.1);
+                    map.next_value_seed(Levels(&mut *self.0))?;
+                }
                 _ => {
                     map.next_value::<IgnoredAny>()?;
+                }
+            }
+        }
+        // A box may come after what lies in it.
+        if let Some(own) = own {
+            for (at, bounds) in self.0.leaves.iter_mut().enumerate().skip(first) {
+                if Some(at) == leaf || bounds.is_none() {
+                    *bounds = Some(own);
                 }
             }
         }
@@ -313,10 +360,11 @@ impl<'de> Visitor<'de> for Levels<'_> {
     }
 
     fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<(), A::Error> {
+        let leaf = self.0.leaves.len().saturating_sub(1) as u32;
         while let Some(key) = map.next_key::<Cow<str>>()? {
             let level = key.parse().map_err(|_| A::Error::custom(format!("“{key}” is no level")))?;
             let Piece { file, offset, count } = map.next_value()?;
-            self.0.push(Range { level, file, offset, count });
+            self.0.ranges.push(Range { level, file, offset, count, leaf });
         }
         Ok(())
     }

@@ -76,6 +76,17 @@ impl Sog {
         self.layout.sh_degree
     }
 
+    /// The box that holds all means.
+    pub(super) fn means_within(&self) -> [[f64; 3]; 2] {
+        let plain = |v: f64| v.signum() * v.abs().exp_m1();
+        [self.layout.mins.map(plain), self.layout.maxs.map(plain)]
+    }
+
+    /// No splat has a larger log-scale.
+    pub(super) fn largest_log_scale(&self) -> f32 {
+        self.layout.scales.iter().flatten().copied().fold(crate::MIN_LOG_SCALE, f32::max)
+    }
+
     /// Bytes of compressed image.
     pub(super) fn compressed(&self) -> u64 {
         self.files.iter().map(|file| file.len() as u64).sum()
