@@ -210,7 +210,7 @@ mod tests {
         assert_eq!(marking.give(&found[..10], 2), 10);
         marking.undo();
         assert!(found.iter().all(|&i| marking.ids()[i as usize] == class) && !marking.is_saved());
-        assert_eq!(marking.save().unwrap(), folder.join("scene.labels.json"));
+        assert_eq!(marking.save().unwrap(), folder.join("scene.ply.labels.json"));
         let saved = Labels::beside(&scene).unwrap().unwrap();
         assert_eq!((&saved.ids, saved.classes.len()), (&**marking.ids(), 2));
         // They are what the scene has when it is opened again.

@@ -54,9 +54,9 @@ mod tests {
     #[test]
     fn what_shows_in_the_region_is_meant_and_nothing_else() {
         let splats = balls(&[
-            ([-0.8, 0.0, 3.0], 0.1, 0.95, [1.0; 3]), // left
+            ([-0.8, 0.0, 3.0], 0.4, 0.99, [1.0; 3]), // left
             ([0.8, 0.0, 3.0], 0.1, 0.95, [1.0; 3]),  // right
-            ([-1.6, 0.0, 6.0], 0.05, 0.9, [1.0; 3]), // hidden behind the left one
+            ([-1.6, 0.0, 6.0], 0.05, 0.3, [1.0; 3]), // hidden behind the left one
             ([0.0, 0.0, 8.0], 9.0, 0.5, [1.0; 3]),   // behind all
         ]);
         let (view, options) = (ahead(), ReferenceOptions::default());

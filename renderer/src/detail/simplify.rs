@@ -118,9 +118,11 @@ pub fn simplify(
         let before = splats.len();
         let (gone, pruned) = prune(splats, &values, how.keep + excess * (rounds - round) / rounds);
         done.pruned += pruned;
+        if round < rounds {
+            recording.retain(before, |i| !gone[i]);
+        }
         if fits && round < rounds {
             told("fitting colours and opacities");
-            recording.retain(before, |i| !gone[i]);
             refit(splats, &recording, goals, between)?;
         }
     }
