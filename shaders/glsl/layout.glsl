@@ -86,7 +86,7 @@ struct ViewData {
 
 layout(set = 0, binding = 0, std140) uniform Frame {
     ViewData views[2];
-    vec4 sort_center; // point from which the radial key is measured; scene axes, relative to the origin
+    vec4 sort_center; // point from which the radial key is measured; scene axes, relative to the origin; w: half a checkerboard's odd steps
     vec4 cull;        // near (m), near fade (m), least opacity, least contribution (px)
     vec4 filters;     // low-pass variance (px² of the rendered image), max radius (px), transmittance below which a pixel is opaque, time
     uvec4 counts;     // splats, batches, corners, stochastic: sample and (uppermost bit) whether by depth

@@ -1,10 +1,10 @@
 #version 460
 // Opacity and colour of one splat in one pixel, premultiplied.
+#define FRAGMENT
 #include "interleaved.glsl"
 #ifdef THROUGH_LENS
 #include "lens.glsl"
 #endif
-#define FRAGMENT
 #include "varyings.glsl"
 
 #ifdef STOCHASTIC
@@ -52,7 +52,7 @@ void main() {
 #else
     vec3 at = plane;
     // The falloff is a function of the plane's coordinates, and those are as good as linear over a pixel.
-    if (SAMPLING != SAMPLING_CENTERS) at += sample_offset(uvec2(gl_FragCoord.xy)) * dFdx(plane);
+    if (SAMPLING != SAMPLING_CENTERS) at.xy += sample_offset() * dFdx(plane.xy);
 #endif
     vec2 pq = at.xy;
     float d2 = dot(pq, pq);

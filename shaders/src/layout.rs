@@ -55,7 +55,7 @@ pub struct ViewData {
 pub struct FrameData {
     /// Up to two views.
     pub views: [ViewData; 2],
-    /// Point from which the radial key is measured, relative to the origin.
+    /// Point from which the radial key is measured, relative to the origin; half of a checkerboard's step, if that is odd.
     pub sort_center: [f32; 4],
     /// Near (m), near fade (m), least opacity, least contribution (px).
     pub cull: [f32; 4],

@@ -100,7 +100,8 @@ pub(super) fn frame_data(
         data.views[1] = data.views[0];
     }
     let early_stop = config.composite == Composite::EarlyStop;
-    data.sort_center = (midpoint(views) - scene.origin).as_vec3().extend(0.0).to_array();
+    let odd = 0.5 * (resolution.step & 1) as f32;
+    data.sort_center = (midpoint(views) - scene.origin).as_vec3().extend(odd).to_array();
     data.cull = [config.near, config.near_fade, config.min_opacity, config.min_contribution];
     data.filters = [0.3, config.max_radius * width.max(height), config.stop_below, config.time];
     data.counts = [
