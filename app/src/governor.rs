@@ -17,7 +17,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use motes_renderer::{
-    Composite, Expansion, FrameReport, Lens, QuadShape, RenderConfig, STOP_BELOW, Sorter, TargetFormat,
+    Composite, Expansion, FrameReport, Lens, RenderConfig, STOP_BELOW, Sorter, TargetFormat,
 };
 use serde::{Deserialize, Serialize};
 
@@ -65,7 +65,7 @@ impl Budget {
         Some(match self {
             Self::Layers(_) => layers,
             Self::Milliseconds(_) => {
-                let corners = if config.shape == QuadShape::Octagon { 8 } else { 4 };
+                let corners = config.shape.corners();
                 let load = FrameLoad::new(report.visible, config.expansion, corners, layers);
                 StageRates::quest_3().predict(&load).ms()
             }

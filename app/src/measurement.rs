@@ -7,7 +7,7 @@
 use std::path::{Path, PathBuf};
 
 use motes_renderer::gpu::Capabilities;
-use motes_renderer::{CHOICES, Choice, FrameReport, QuadShape, RenderConfig, Traffic};
+use motes_renderer::{CHOICES, Choice, FrameReport, RenderConfig, Traffic};
 use serde::{Deserialize, Serialize};
 
 use crate::prediction::{FrameLoad, StageRates};
@@ -20,11 +20,12 @@ const TABLE: &str = "results.csv";
 const RATES: &str = "rates.json";
 
 /// The configurations: what they change in the default. Nothing that would need the scene in another packing.
-pub const SWEEP: [&str; 12] = [
+pub const SWEEP: [&str; 13] = [
     "default",
     "expansion=instanced",
     "projection=affine",
     "projection=exact",
+    "shape=adaptive",
     "shape=square",
     "shape=diamond",
     "radius=full",
@@ -398,7 +399,7 @@ pub fn rates(lines: &[Line]) -> Result<StageRates, String> {
     let mut eye = [0, 0];
     for (name, frames) in by_configuration(lines) {
         let config = parse(name)?;
-        let corners = if config.shape == QuadShape::Octagon { 8 } else { 4 };
+        let corners = config.shape.corners();
         let load = FrameLoad::new(scene.splats, config.expansion, corners, 0.0);
         let fragments = median(&frames, |f| layers(f) * f.report.shown_pixels as f64);
         let seconds = median(&frames, |f| f.report.device_ns() / 1e9);
@@ -479,7 +480,7 @@ mod tests {
                 m.refused("not here".into());
                 continue;
             }
-            let corners = if config.shape == QuadShape::Octagon { 8 } else { 4 };
+            let corners = config.shape.corners();
             let load = FrameLoad::new(1000, config.expansion, corners, 0.0).splats;
             let count = 10_000 + 3000 * m.point as u64;
             let seconds = load / splats + count as f64 / fragments;

@@ -121,6 +121,8 @@ axis!(
         Diamond = "diamond",
         /// Rectangle along the screen's axes.
         AxisAligned = "axis-aligned",
+        /// Octagons, and squares where splats are small (up to 256 pixels): fewer corners and triangles.
+        Adaptive = "adaptive",
     }
 );
 
@@ -128,7 +130,7 @@ impl QuadShape {
     /// Corners of a splat's polygon.
     pub fn corners(self) -> u32 {
         match self {
-            Self::Octagon => 8,
+            Self::Octagon | Self::Adaptive => 8,
             Self::Square | Self::Diamond | Self::AxisAligned => 4,
         }
     }
@@ -478,7 +480,7 @@ impl RenderConfig {
         } else if self.expansion != Expansion::Precomputed {
             "splats meet the lens in the precomputed expansion only"
         } else if self.shape == QuadShape::AxisAligned {
-            "a splat's image is bent, and has no box along the image's axes; choose shape octagon, square or diamond"
+            "a splat's image is bent, and has no box along the image's axes; choose another shape"
         } else if self.order == OrderKey::Depth {
             "depth along an axis says nothing about what lies beside and behind it; choose order radial"
         } else if self.sorter == Sorter::Stochastic {

@@ -3,16 +3,16 @@
 #define CORNER_GLSL
 #include "projection.glsl"
 
-uint corners_per_splat() { return SHAPE == SHAPE_OCTAGON ? 8u : 4u; }
+uint corners_per_splat() { return OCTAGONS ? 8u : 4u; }
 
-// Corner of the shape around the unit circle.
-vec2 shape_corner(uint corner) {
-    if (SHAPE == SHAPE_OCTAGON) {
+// Corner of the shape around the unit circle. Of an octagon's, each two come to one of a square.
+vec2 shape_corner(uint corner, bool square) {
+    if (OCTAGONS) {
         // Circumscribed: tan(π/8) beside 1.
         const float T = 0.41421356;
         const vec2 C[8] = vec2[8](vec2(1.0, T), vec2(T, 1.0), vec2(-T, 1.0), vec2(-1.0, T),
                                   vec2(-1.0, -T), vec2(-T, -1.0), vec2(T, -1.0), vec2(1.0, -T));
-        return C[corner];
+        return square ? sign(C[corner]) : C[corner];
     }
     if (SHAPE == SHAPE_DIAMOND) {
         const vec2 C[4] = vec2[4](vec2(1.0, 0.0), vec2(0.0, 1.0), vec2(-1.0, 0.0), vec2(0.0, -1.0));
@@ -102,18 +102,18 @@ vec2 grown(vec2 corner, vec2 unit, vec2 e) {
     return SHAPE == SHAPE_DIAMOND ? corner + unit * (e.x + e.y) : corner + sign(unit) * e;
 }
 
-Corner splat_corner(uint corner, vec3 m, vec2 major, float ratio, float opacity, vec2 linear, vec3 quadratic,
+Corner splat_corner(uint corner, bool square, vec3 m, vec2 major, float ratio, float opacity, vec2 linear, vec3 quadratic,
                     ViewData view) {
     vec3 u = vec3(1.0, 0.0, 0.0), v = vec3(0.0, 1.0, 0.0);
     if (PROJECTION != PROJECTION_AFFINE) tangent_basis(m, u, v);
     vec2 minor = ratio * vec2(-major.y, major.x);
     float k = polygon_radius(opacity);
     Corner c;
-    vec2 unit = shape_corner(corner);
+    vec2 unit = shape_corner(corner, square);
     Reach reach = reach_of(k, linear, quadratic);
     if (PROJECTION == PROJECTION_EXACT && !reach.bounded) {
         // The whole image: the corner's ray d in the plane's coordinates is (u·d, v·d) / (m·d), kept homogeneous.
-        vec2 ndc = vec2(SHAPE == SHAPE_OCTAGON ? sign(unit) : SHAPE == SHAPE_DIAMOND ? vec2(unit.x + unit.y, unit.y - unit.x) : unit);
+        vec2 ndc = vec2(OCTAGONS ? sign(unit) : SHAPE == SHAPE_DIAMOND ? vec2(unit.x + unit.y, unit.y - unit.x) : unit);
         vec4 t = view.tangents;
         vec3 d = vec3(mix(t.xz, t.yw, 0.5 * ndc + 0.5), 1.0);
         vec2 plane = vec2(dot(u, d), dot(v, d));
@@ -147,7 +147,7 @@ Corner splat_corner(uint corner, vec3 m, vec2 major, float ratio, float opacity,
         // falls between two floats. What the image sees of it is a rectangle along the axes.
         vec3 normal = PROJECTION == PROJECTION_AFFINE ? vec3(0.0, 0.0, 1.0) : m;
         vec4 seen = seen_rectangle(k, m, normal, major.x * u + major.y * v, minor.x * u + minor.y * v, view.tangents);
-        vec2 side = SHAPE == SHAPE_OCTAGON ? sign(unit) : SHAPE == SHAPE_DIAMOND ? vec2(unit.x + unit.y, unit.y - unit.x) : unit;
+        vec2 side = OCTAGONS ? sign(unit) : SHAPE == SHAPE_DIAMOND ? vec2(unit.x + unit.y, unit.y - unit.x) : unit;
         pq = mix(seen.xz, seen.yw, 0.5 * side + 0.5);
     } else if (SHAPE == SHAPE_AXIS_ALIGNED) {
         vec2 ab = k * unit * sqrt(vec2(major.x * major.x + minor.x * minor.x, major.y * major.y + minor.y * minor.y));
@@ -171,11 +171,11 @@ Corner splat_corner(uint corner, vec3 m, vec2 major, float ratio, float opacity,
 //
 // The image of a polygon's straight side is bent. Where the splat is small against the bend, each half-axis is made longer
 // by what a side of that length can bend; where it is not, a box around the whole cap is drawn.
-vec4 lens_corner(uint corner, vec3 m, vec3 u, vec3 v, vec2 major, float ratio, float opacity, vec2 linear, vec3 quadratic, ViewData view) {
+vec4 lens_corner(uint corner, bool square, vec3 m, vec3 u, vec3 v, vec2 major, float ratio, float opacity, vec2 linear, vec3 quadratic, ViewData view) {
     vec2 minor = ratio * vec2(-major.y, major.x);
     Reach reach = reach_of(polygon_radius(opacity), linear, quadratic);
-    vec2 unit = shape_corner(corner);
-    vec2 side = SHAPE == SHAPE_OCTAGON ? sign(unit) : SHAPE == SHAPE_DIAMOND ? vec2(unit.x + unit.y, unit.y - unit.x) : unit;
+    vec2 unit = shape_corner(corner, square);
+    vec2 side = OCTAGONS ? sign(unit) : SHAPE == SHAPE_DIAMOND ? vec2(unit.x + unit.y, unit.y - unit.x) : unit;
     vec4 shown = view.tangents;
     float radius = plane_radius(reach, major, minor);
     float middle = lens_place_beside(m, lens_middle(shown)).x;

@@ -39,6 +39,7 @@ const uint SHAPE_OCTAGON = 0;
 const uint SHAPE_SQUARE = 1;
 const uint SHAPE_DIAMOND = 2;
 const uint SHAPE_AXIS_ALIGNED = 3;
+const uint SHAPE_ADAPTIVE = 4;
 const uint RADIUS_OPACITY_AWARE = 0;
 const uint RADIUS_SQRT8 = 1;
 const uint RADIUS_FULL = 2;
@@ -66,6 +67,9 @@ const uint HISTORY_MOVING = 2;
 const uint BLOCK = 128;
 // Splats that one draw instance covers.
 const uint QUADS_PER_INSTANCE = 256;
+// Polygons up to this many pixels are squares where the shape is adaptive: an octagon saves a sixth of their pixels, and costs
+// four more corners and four more triangles, which leave helper invocations along each of their sides.
+const float SMALL_POLYGON = 256.0;
 // Most batches of an early-stop frame.
 const uint MAX_BATCHES = 128;
 // Steps of equal area that batches are made of.

@@ -68,7 +68,7 @@ void main() {
         for (uint view = 0u; view < VIEWS; view++) {
             e[view] = project_splat(s, frame.views[view]);
             visible = visible || e[view].visible;
-            mine.y += e[view].visible ? e[view].area : 0.0;
+            mine.y += e[view].visible ? drawn_area(e[view].area) : 0.0;
         }
         if (visible) {
             for (uint view = 0u; view < VIEWS; view++) {

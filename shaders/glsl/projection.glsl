@@ -19,7 +19,7 @@ struct Ellipse {
     float opacity;
     vec2 linear;   // exact only: D² = (p² + q²) / (1 + linear·(p,q) + quadratic·(p²,pq,q²))
     vec3 quadratic;
-    float area;    // of the drawn polygon, pixels, clipped to the image
+    float area;    // of the shape, pixels, clipped to the image
     bool visible;
 };
 
@@ -49,9 +49,17 @@ float polygon_radius(float opacity) {
     return RADIUS == RADIUS_OPACITY_AWARE ? min(full, 2.8284271) : full;
 }
 
+// Whether polygons have eight corners. Adaptive ones that are small have the square's four.
+const bool OCTAGONS = SHAPE == SHAPE_OCTAGON || SHAPE == SHAPE_ADAPTIVE;
+
 float shape_area() {
-    return SHAPE == SHAPE_OCTAGON ? 3.3137085 : SHAPE == SHAPE_DIAMOND ? 2.0 : 4.0;
+    return OCTAGONS ? 3.3137085 : SHAPE == SHAPE_DIAMOND ? 2.0 : 4.0;
 }
+
+bool squared(float octagon_area) { return SHAPE == SHAPE_ADAPTIVE && octagon_area < SMALL_POLYGON; }
+
+// Pixels of the polygon that is drawn, from those of the shape.
+float drawn_area(float shape_area) { return squared(shape_area) ? shape_area * (4.0 / 3.3137085) : shape_area; }
 
 mat3 eye_rotation(ViewData view) {
     return transpose(mat3(view.rotation[0].xyz, view.rotation[1].xyz, view.rotation[2].xyz));

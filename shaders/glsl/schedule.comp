@@ -89,8 +89,11 @@ void main() {
         for (uint i = 0u; i < batches; i++) {
             uint stop = i + 1u == batches ? plan.visible : ends[i];
             plan.starts[i] = start;
-            plan.draws[i] = Draw((corners - 2u) * 3u * QUADS_PER_INSTANCE,
-                                 (stop - start + QUADS_PER_INSTANCE - 1u) / QUADS_PER_INSTANCE, 0u, 0, 0u);
+            // Adaptive: a batch of splats that are small on average draws four corners of each, from the indices' second part.
+            uint octagon = (corners - 2u) * 3u * QUADS_PER_INSTANCE;
+            bool square = squared(plan.area / float(batches * VIEWS) / float(max(stop - start, 1u)));
+            plan.draws[i] = Draw(square ? 6u * QUADS_PER_INSTANCE : octagon,
+                                 (stop - start + QUADS_PER_INSTANCE - 1u) / QUADS_PER_INSTANCE, square ? octagon : 0u, 0, 0u);
             plan.marks[i] = MarkDraw(6u, marks[i], 0u, 0u);
             marked += marks[i];
             start = stop;

@@ -19,11 +19,12 @@ void main() {
     Ellipse e = project_splat(s, frame.views[view]);
     if (!e.visible) return;
     vec4 c = vec4(splat_color(i, s.base, normalize(s.mean - frame.views[view].eye.xyz)), e.opacity);
-    uint corners = corners_per_splat();
+    bool square = squared(e.area);
+    uint corners = square ? 4u : corners_per_splat();
     for (uint j = 0u; j < corners; j++) {
         // A strip zigzags over the polygon: 0, 1, n-1, 2, n-2, ...
         uint corner = j == 0u ? 0u : (j & 1u) == 1u ? (j + 1u) / 2u : corners - j / 2u;
-        Corner p = splat_corner(corner, e.m, e.major, e.ratio, e.opacity, e.linear, e.quadratic, frame.views[view]);
+        Corner p = splat_corner(square ? 2u * corner : corner, square, e.m, e.major, e.ratio, e.opacity, e.linear, e.quadratic, frame.views[view]);
         gl_Position = p.position;
         plane = p.plane;
         color = c;

@@ -19,6 +19,12 @@ uint view_index() {
 
 uint record_word(uint view, uint at) { return view == 0u ? records[0].words[at] : records[1].words[at]; }
 
+// About: at the image's middle, where a unit of the plane is largest against a pixel.
+float octagon_area(float opacity, vec2 major, float ratio, ViewData view) {
+    float k = polygon_radius(opacity);
+    return frame.shown.w * shape_area() * k * k * dot(major, major) * ratio * view.image.x * view.image.y;
+}
+
 void main() {
     uint corners = corners_per_splat();
     uint quad = uint(gl_VertexIndex) / corners;
@@ -49,6 +55,8 @@ void main() {
     vec2 major = vec2(uintBitsToFloat(record_word(view, word + 3u)), uintBitsToFloat(record_word(view, word + 4u)));
     float ratio = uintBitsToFloat(record_word(view, word + 5u));
     color = vec4(unpackHalf2x16(record_word(view, word + 6u)), ba);
+    bool square = SHAPE == SHAPE_ADAPTIVE && (plan.draws[push.batch].first_index != 0u
+        || squared(octagon_area(color.a, major, ratio, frame.views[view])));
     vec2 l = vec2(0.0);
     vec3 h = vec3(0.0);
 #ifdef EXACT
@@ -67,9 +75,9 @@ void main() {
     middle = m;
     along_p = (direction.x * u + direction.y * v) / size;
     along_q = (-direction.y * u + direction.x * v) / max(thin, 1e-30);
-    gl_Position = lens_corner(uint(gl_VertexIndex) % corners, m, u, v, major, ratio, color.a, l, h, frame.views[view]);
+    gl_Position = lens_corner(uint(gl_VertexIndex) % corners, square, m, u, v, major, ratio, color.a, l, h, frame.views[view]);
 #else
-    Corner c = splat_corner(uint(gl_VertexIndex) % corners, m, major, ratio, color.a, l, h, frame.views[view]);
+    Corner c = splat_corner(uint(gl_VertexIndex) % corners, square, m, major, ratio, color.a, l, h, frame.views[view]);
     gl_Position = c.position;
     plane = c.plane;
 #endif

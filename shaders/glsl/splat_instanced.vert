@@ -33,7 +33,7 @@ void main() {
     linear = e.linear;
     quadratic = e.quadratic;
 #endif
-    Corner c = splat_corner(uint(gl_VertexIndex) % corners, e.m, e.major, e.ratio, e.opacity, e.linear, e.quadratic, frame.views[view]);
+    Corner c = splat_corner(uint(gl_VertexIndex) % corners, squared(e.area), e.m, e.major, e.ratio, e.opacity, e.linear, e.quadratic, frame.views[view]);
     gl_Position = c.position;
     plane = c.plane;
 }

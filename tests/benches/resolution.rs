@@ -5,6 +5,7 @@
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a bench may")]
 
+use cpu_time::ProcessTime;
 use motes_desktop::measure::{Picture as Measured, Settings, compare};
 use motes_renderer::gpu::{Gpu, GpuOptions};
 use motes_renderer::{
@@ -54,7 +55,11 @@ fn main() {
         let golden = golden_view(name);
         let views = [if options.large { golden.scaled(2) } else { golden.view }];
         let scene = SceneOnDevice::new(&gpu, &golden.splats, packing).unwrap();
-        let mut row = |scale: f32, upscale: Upscale, frames: usize, full: Option<&Measured>| {
+        let row = |offscreen: &mut Offscreen,
+                   scale: f32,
+                   upscale: Upscale,
+                   frames: usize,
+                   full: Option<&Measured>| {
             let config = RenderConfig { resolution_scale: scale, upscale, ..Default::default() };
             let (pictures, report) =
                 (0..frames).map(|_| offscreen.render(&scene, &views, &config).unwrap()).last().unwrap();
@@ -63,7 +68,7 @@ fn main() {
                 let c = compare(f, &picture, &Settings::default()).unwrap();
                 (c.flip.mean, c.whole.psnr)
             });
-            let least = least_ns(&mut offscreen, &scene, &views, &config, options.times);
+            let least = least_ns(offscreen, &scene, &views, &config, options.times);
             let label = if full.is_some() { upscale.to_string() } else { "full".into() };
             println!(
                 "{name:18} {scale:5.3} {label:20} {:7} {:10} {flip:8.5} {psnr:6.2} {:10.2}",
@@ -76,13 +81,50 @@ fn main() {
             }
             picture
         };
-        let full = row(1.0, Upscale::Bilinear, 1, None);
+        let full = row(&mut offscreen, 1.0, Upscale::Bilinear, 1, None);
         for &scale in &options.scales {
-            row(scale, Upscale::Bilinear, 1, Some(&full));
-            row(scale, Upscale::Interleaved, 1, Some(&full));
-            row(scale, Upscale::InterleavedTemporal, 8, Some(&full));
+            row(&mut offscreen, scale, Upscale::Bilinear, 1, Some(&full));
+            row(&mut offscreen, scale, Upscale::Interleaved, 1, Some(&full));
+            row(&mut offscreen, scale, Upscale::InterleavedTemporal, 8, Some(&full));
+            if options.times > 0 {
+                let configs = [Upscale::Bilinear, Upscale::Interleaved].map(|upscale| RenderConfig {
+                    resolution_scale: scale,
+                    upscale,
+                    ..Default::default()
+                });
+                let [low, middle, high] = ratio(&mut offscreen, &scene, &views, &configs, options.times);
+                println!(
+                    "{name:18} {scale:5.3} interleaved takes {middle:.3} ({low:.3} to {high:.3}) of bilinear's processor time"
+                );
+            }
         }
     }
+}
+
+/// Processor time of the second configuration over the first one's: quartiles over pairs of neighbouring frames, of which
+/// every other one is drawn the other way around.
+fn ratio(
+    offscreen: &mut Offscreen,
+    scene: &SceneOnDevice,
+    views: &[View],
+    configs: &[RenderConfig; 2],
+    pairs: usize,
+) -> [f64; 3] {
+    let mut time = |config: &RenderConfig| {
+        let start = ProcessTime::now();
+        offscreen.draw(scene, views, config).unwrap();
+        start.elapsed().as_secs_f64()
+    };
+    let _warm = configs.each_ref().map(&mut time);
+    let mut ratios: Vec<f64> = (0..pairs)
+        .map(|i| {
+            let [first, second] = if i % 2 == 0 { [0, 1] } else { [1, 0] };
+            let (a, b) = (time(&configs[first]), time(&configs[second]));
+            if first == 0 { b / a } else { a / b }
+        })
+        .collect();
+    ratios.sort_by(f64::total_cmp);
+    [0.25, 0.5, 0.75].map(|q| ratios[(q * (pairs - 1) as f64).round() as usize])
 }
 
 /// The shortest device time of so many frames.

@@ -144,6 +144,48 @@ fn primitives_of_a_frame() {
 }
 
 #[test]
+fn adaptive_polygons_are_squares_where_splats_are_small() {
+    let mut bench = Bench::new(Precision::F32);
+    let sized = |size| [View { size, ..view(0.0) }];
+    for (size, [least, most]) in [([48, 40], [0.3, 0.37]), ([960, 800], [0.8, 1.0])] {
+        let views = sized(size);
+        for expansion in [Expansion::Precomputed, Expansion::Instanced, Expansion::Geometry] {
+            let mut drawn = |shape| {
+                let radius = RadiusRule::Full;
+                let config = RenderConfig { shape, expansion, radius, ..every_layer() };
+                let (maps, _) = bench.offscreen.layers(&bench.scene, &views, &config).unwrap();
+                let (pictures, report) = bench.offscreen.render(&bench.scene, &views, &config).unwrap();
+                (maps[0].mean_shaded(), maps[0].mean_blended(), pictures, report)
+            };
+            let (octagons, blended, expected, octagon) = drawn(QuadShape::Octagon);
+            let (shaded, blended_too, found, adaptive) = drawn(QuadShape::Adaptive);
+            let (squares, .., square) = drawn(QuadShape::Square);
+            // A third of the triangles where all are small, hardly fewer where all are large.
+            let share = adaptive.primitives as f64 / octagon.primitives as f64;
+            println!(
+                "{size:?} {expansion}: {share:.3} of the triangles, {octagons:.2} {shaded:.2} {squares:.2} layers"
+            );
+            // (The instanced stage's octagons fall together to squares: triangles without an area are counted still.)
+            let least = if expansion == Expansion::Instanced { 0.99 } else { least };
+            let most = if expansion == Expansion::Instanced { 1.01 } else { most };
+            assert!((least..=most).contains(&share), "{size:?} {expansion}: {share}");
+            if expansion == Expansion::Precomputed && size[0] < 100 {
+                assert!(adaptive.vertices <= square.vertices, "{} vertices", adaptive.vertices);
+                // Control: what is left of octagons that only fall together.
+                assert!(adaptive.vertices < octagon.vertices * 6 / 10, "{} vertices", adaptive.vertices);
+            }
+            assert!(octagons <= shaded && shaded <= squares, "{octagons} {shaded} {squares}");
+            // The picture is that of octagons: what a square covers besides is below the least that is blended.
+            assert!((blended_too / blended - 1.0).abs() < 1e-3, "{blended_too} against {blended}");
+            let worst = (expected[0].pixels.iter().flatten().zip(found[0].pixels.iter().flatten()))
+                .map(|(a, b)| a.abs_diff(*b))
+                .max();
+            assert!(worst <= Some(1), "{size:?} {expansion}: {worst:?} of 255");
+        }
+    }
+}
+
+#[test]
 fn fragments_of_a_frame() {
     let mut bench = Bench::new(Precision::F32);
     let square = bench.shaded(&RenderConfig { shape: QuadShape::Square, ..every_layer() });

@@ -105,7 +105,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
         source: "002, section 5.1.2",
         sweep: Sweep {
             base: "quest-report",
-            axes: &[("shape", &["diamond", "octagon", "axis-aligned"])],
+            axes: &[("shape", &["diamond", "octagon", "adaptive", "axis-aligned"])],
             points: &[],
         },
         rows: &[

@@ -265,7 +265,7 @@ impl Renderer {
         Ok((raw, views))
     }
 
-    /// Indices of one instance: every polygon as a strip that zigzags from corner 0.
+    /// Indices of one instance: every polygon as a strip that zigzags from corner 0. After those of octagons, those of squares.
     pub(super) fn index_buffer(&mut self, corners: u32) -> Result<vk::Buffer, GpuError> {
         if let Some(buffer) = self.indices.get(&corners) {
             return Ok(buffer.raw());
@@ -283,6 +283,12 @@ impl Renderer {
         for quad in 0..QUADS_PER_INSTANCE {
             for triangle in 0..corners - 2 {
                 words.extend((0..3).map(|k| (quad * corners + strip(triangle + k)) as u16));
+            }
+        }
+        if corners == 8 {
+            // Of each second corner: what adaptive polygons that are small make a square of.
+            for quad in 0..QUADS_PER_INSTANCE {
+                words.extend([0, 2, 6, 2, 6, 4].map(|corner| (quad * 8 + corner) as u16));
             }
         }
         let mut buffer = Buffer::new(
