@@ -12,6 +12,7 @@ pub mod order;
 pub mod packing;
 pub mod parts;
 mod passes;
+mod pipeline;
 pub mod pipeline_cache;
 pub mod plan;
 pub mod projection;

@@ -1,8 +1,9 @@
 //! Render passes and pipelines, made on first use and kept.
 
 use crate::gpu::{Gpu, GpuError};
+use crate::pipeline::{self, Depth, GraphicsPipeline, replaced};
 use crate::pipeline_cache::{self, Kept};
-use crate::shader::{Module, specialization_entries};
+use crate::shader::Constants;
 use ash::vk;
 use motes_shaders::layout::Specialization;
 use motes_shaders::modules;
@@ -447,15 +448,8 @@ impl Passes {
             Preparation::Emit => modules::EMIT_COMP,
             Preparation::Schedule => modules::SCHEDULE_COMP,
         };
-        let module = Module::new(&self.gpu, code)?;
-        let entries = specialization_entries();
-        let constants =
-            vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::bytes_of(&specialization));
-        let stage = module.stage(vk::ShaderStageFlags::COMPUTE).specialization_info(&constants);
-        let info = vk::ComputePipelineCreateInfo::default().stage(stage).layout(self.layout);
-        // SAFETY: module and layout are alive; the constants' map lies within their data.
-        let made = unsafe { self.gpu.device().create_compute_pipelines(self.cache, &[info], None) };
-        let pipeline = call(made.map_err(|(_, e)| e), "vkCreateComputePipelines")?[0];
+        let constants = Constants::from(&specialization);
+        let pipeline = pipeline::compute(&self.gpu, self.cache, self.layout, code, &constants)?;
         self.pipelines.insert(key, pipeline);
         Ok(pipeline)
     }
@@ -509,26 +503,16 @@ impl Passes {
             (false, true) => modules::SPLAT_FRAG_COUNT,
             (true, true) => modules::SPLAT_FRAG_EXACT_COUNT,
         };
-        let vertex = Module::new(&self.gpu, vertex)?;
-        let fragment = Module::new(&self.gpu, fragment)?;
-        let geometry = match stages {
-            Stages::Geometry => Some(Module::new(
-                &self.gpu,
-                if exact { modules::SPLAT_GEOM_EXACT } else { modules::SPLAT_GEOM },
-            )?),
-            _ => None,
-        };
-        let entries = specialization_entries();
-        let constants =
-            vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::bytes_of(&specialization));
-        let mut shader_stages = vec![
-            vertex.stage(vk::ShaderStageFlags::VERTEX).specialization_info(&constants),
-            fragment.stage(vk::ShaderStageFlags::FRAGMENT).specialization_info(&constants),
+        let geometry = if exact { modules::SPLAT_GEOM_EXACT } else { modules::SPLAT_GEOM };
+        let shaders = [
+            (vk::ShaderStageFlags::VERTEX, vertex),
+            (vk::ShaderStageFlags::FRAGMENT, fragment),
+            (vk::ShaderStageFlags::GEOMETRY, geometry),
         ];
-        if let Some(geometry) = &geometry {
-            shader_stages
-                .push(geometry.stage(vk::ShaderStageFlags::GEOMETRY).specialization_info(&constants));
-        }
+        let (shaders, topology) = match stages {
+            Stages::Geometry => (&shaders[..], vk::PrimitiveTopology::POINT_LIST),
+            Stages::Precomputed | Stages::Instanced => (&shaders[..2], vk::PrimitiveTopology::TRIANGLE_LIST),
+        };
         // Premultiplied colours: over from behind, or under what is already there. Alpha sums what is covered, rather than
         // multiplying what comes through: where half floats are cut towards zero, errors of the sum and of the colours
         // cancel, while a product darkens with every layer (measured: FLIP to 32-bit sums 0.009 against 0.027, skull).
@@ -538,27 +522,37 @@ impl Passes {
             (vk::BlendFactor::ONE_MINUS_DST_ALPHA, vk::BlendFactor::ONE)
         };
         // Stochastic splats are opaque.
-        let blend = vk::PipelineColorBlendAttachmentState::default()
+        let blend = replaced()
             .blend_enable(!pass.stochastic)
             .src_color_blend_factor(source)
             .dst_color_blend_factor(destination)
             .color_blend_op(vk::BlendOp::ADD)
             .src_alpha_blend_factor(source)
             .dst_alpha_blend_factor(destination)
-            .alpha_blend_op(vk::BlendOp::ADD)
-            .color_write_mask(vk::ColorComponentFlags::RGBA);
-        let topology = if stages == Stages::Geometry {
-            vk::PrimitiveTopology::POINT_LIST
+            .alpha_blend_op(vk::BlendOp::ADD);
+        // Counts add up; what leads to the median depth is not the splats' to write.
+        let second = if pass.count {
+            replaced()
+                .blend_enable(true)
+                .src_color_blend_factor(vk::BlendFactor::ONE)
+                .dst_color_blend_factor(vk::BlendFactor::ONE)
         } else {
-            vk::PrimitiveTopology::TRIANGLE_LIST
+            vk::PipelineColorBlendAttachmentState::default()
         };
         // Splats lie at depth ½ everywhere, and a mark (0) stops them; stochastic ones at their distance, nearer is greater.
         let nearer = if pass.stochastic { vk::CompareOp::GREATER } else { vk::CompareOp::LESS };
-        let depth = vk::PipelineDepthStencilStateCreateInfo::default()
-            .depth_test_enable(pass.depth_format().is_some())
-            .depth_write_enable(pass.stochastic)
-            .depth_compare_op(nearer);
-        let pipeline = self.graphics(pass, 0, &shader_stages, topology, &blend, &depth)?;
+        let pipeline = GraphicsPipeline {
+            shaders,
+            constants: &Constants::from(&specialization),
+            input: vk::PipelineVertexInputStateCreateInfo::default(),
+            topology,
+            depth: pass.depth_format().map(|_| Depth { compare: nearer, write: pass.stochastic }),
+            blends: &[blend, second][..pass.colours()],
+            layout: self.layout,
+            pass: self.pass(pass)?,
+            subpass: 0,
+        };
+        let pipeline = pipeline.make(&self.gpu, self.cache)?;
         self.pipelines.insert(key, pipeline);
         Ok(pipeline)
     }
@@ -574,79 +568,24 @@ impl Passes {
             (FullScreen::MarkTiles, _) => modules::MARK_VERT_MULTIVIEW,
             (FullScreen::Mark | FullScreen::Resolve, _) => modules::FULLSCREEN_VERT,
         };
-        let vertex = Module::new(&self.gpu, vertex)?;
-        let (fragment, subpass, writes) = match what {
-            FullScreen::Mark | FullScreen::MarkTiles => {
-                (modules::MARK_FRAG, 0, vk::ColorComponentFlags::empty())
-            }
-            FullScreen::Resolve => (modules::RESOLVE_FRAG, 1, vk::ColorComponentFlags::RGBA),
-        };
-        let fragment = Module::new(&self.gpu, fragment)?;
-        let stages =
-            [vertex.stage(vk::ShaderStageFlags::VERTEX), fragment.stage(vk::ShaderStageFlags::FRAGMENT)];
-        let blend = vk::PipelineColorBlendAttachmentState::default().color_write_mask(writes);
         let mark = what != FullScreen::Resolve;
-        let depth = vk::PipelineDepthStencilStateCreateInfo::default()
-            .depth_test_enable(mark)
-            .depth_write_enable(mark)
-            .depth_compare_op(vk::CompareOp::LESS);
-        let pipeline =
-            self.graphics(pass, subpass, &stages, vk::PrimitiveTopology::TRIANGLE_LIST, &blend, &depth)?;
+        let fragment = if mark { modules::MARK_FRAG } else { modules::RESOLVE_FRAG };
+        // A mark writes depth alone.
+        let marked = [vk::PipelineColorBlendAttachmentState::default(); 2];
+        let pipeline = GraphicsPipeline {
+            shaders: &[(vk::ShaderStageFlags::VERTEX, vertex), (vk::ShaderStageFlags::FRAGMENT, fragment)],
+            constants: &Constants::default(),
+            input: vk::PipelineVertexInputStateCreateInfo::default(),
+            topology: vk::PrimitiveTopology::TRIANGLE_LIST,
+            depth: mark.then_some(Depth { compare: vk::CompareOp::LESS, write: true }),
+            blends: if mark { &marked[..pass.colours()] } else { &[replaced()] },
+            layout: self.layout,
+            pass: self.pass(pass)?,
+            subpass: u32::from(!mark),
+        };
+        let pipeline = pipeline.make(&self.gpu, self.cache)?;
         self.pipelines.insert(key, pipeline);
         Ok(pipeline)
-    }
-
-    fn graphics(
-        &mut self,
-        pass: PassKey,
-        subpass: u32,
-        stages: &[vk::PipelineShaderStageCreateInfo<'_>],
-        topology: vk::PrimitiveTopology,
-        blend: &vk::PipelineColorBlendAttachmentState,
-        depth: &vk::PipelineDepthStencilStateCreateInfo<'_>,
-    ) -> Result<vk::Pipeline, GpuError> {
-        let render_pass = self.pass(pass)?;
-        let vertex_input = vk::PipelineVertexInputStateCreateInfo::default();
-        let assembly = vk::PipelineInputAssemblyStateCreateInfo::default().topology(topology);
-        let viewport = vk::PipelineViewportStateCreateInfo::default().viewport_count(1).scissor_count(1);
-        // Never culled: a mirrored axis must not make a splat vanish.
-        let raster = vk::PipelineRasterizationStateCreateInfo::default()
-            .polygon_mode(vk::PolygonMode::FILL)
-            .cull_mode(vk::CullModeFlags::NONE)
-            .line_width(1.0);
-        let samples = vk::PipelineMultisampleStateCreateInfo::default()
-            .rasterization_samples(vk::SampleCountFlags::TYPE_1);
-        // Counts add up, and only splats count. (What follows the median depth has a pipeline of its own.)
-        let counting = vk::PipelineColorBlendAttachmentState::default()
-            .blend_enable(true)
-            .src_color_blend_factor(vk::BlendFactor::ONE)
-            .dst_color_blend_factor(vk::BlendFactor::ONE)
-            .color_write_mask(if pass.count && blend.blend_enable == vk::TRUE {
-                vk::ColorComponentFlags::RGBA
-            } else {
-                vk::ColorComponentFlags::empty()
-            });
-        let blends = [*blend, counting];
-        let blending = vk::PipelineColorBlendStateCreateInfo::default()
-            .attachments(&blends[..if subpass == 0 { pass.colours() } else { 1 }]);
-        let dynamic = [vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR];
-        let dynamic = vk::PipelineDynamicStateCreateInfo::default().dynamic_states(&dynamic);
-        let info = vk::GraphicsPipelineCreateInfo::default()
-            .stages(stages)
-            .vertex_input_state(&vertex_input)
-            .input_assembly_state(&assembly)
-            .viewport_state(&viewport)
-            .rasterization_state(&raster)
-            .multisample_state(&samples)
-            .depth_stencil_state(depth)
-            .color_blend_state(&blending)
-            .dynamic_state(&dynamic)
-            .layout(self.layout)
-            .render_pass(render_pass)
-            .subpass(subpass);
-        // SAFETY: everything that `info` points to lives until the call returns.
-        let made = unsafe { self.gpu.device().create_graphics_pipelines(self.cache, &[info], None) };
-        Ok(call(made.map_err(|(_, e)| e), "vkCreateGraphicsPipelines")?[0])
     }
 }
 

@@ -11,5 +11,6 @@ pub use barrier::Side;
 pub use capabilities::Capabilities;
 pub use device::{Bootstrap, Gpu, GpuOptions, Plain};
 pub use device_report::{DeviceReport, Finding};
+pub(crate) use error::During;
 pub use error::GpuError;
 pub use memory::{Buffer, Image, ImageDescription};

@@ -4,10 +4,11 @@
 //! by which early stop closes pixels, or the nearest distance there is for stochastic transparency. Where a frame has no
 //! depth attachment, everything is drawn. What is hidden shows the background.
 
-use super::{Renderer, call};
+use super::Renderer;
 use crate::gpu::{Buffer, Gpu, GpuError};
 use crate::passes::{PassKey, Passes};
-use crate::shader::Module;
+use crate::pipeline::{Depth, GraphicsPipeline};
+use crate::shader::Constants;
 use ash::vk;
 use gpu_allocator::MemoryLocation;
 use motes_shaders::modules;
@@ -112,8 +113,6 @@ impl Renderer {
 /// A pipeline that writes depth alone.
 fn make(gpu: &Arc<Gpu>, passes: &mut Passes, pass: PassKey) -> Result<vk::Pipeline, GpuError> {
     let code = if pass.view_mask == 0 { modules::HIDDEN_VERT } else { modules::HIDDEN_VERT_MULTIVIEW };
-    let vertex = Module::new(gpu, code)?;
-    let stages = [vertex.stage(vk::ShaderStageFlags::VERTEX)];
     let bindings = [vk::VertexInputBindingDescription {
         binding: 0,
         stride: size_of::<Corner>() as u32,
@@ -128,38 +127,18 @@ fn make(gpu: &Arc<Gpu>, passes: &mut Passes, pass: PassKey) -> Result<vk::Pipeli
     let input = vk::PipelineVertexInputStateCreateInfo::default()
         .vertex_binding_descriptions(&bindings)
         .vertex_attribute_descriptions(&attributes);
-    let assembly =
-        vk::PipelineInputAssemblyStateCreateInfo::default().topology(vk::PrimitiveTopology::TRIANGLE_LIST);
-    let viewport = vk::PipelineViewportStateCreateInfo::default().viewport_count(1).scissor_count(1);
-    let raster = vk::PipelineRasterizationStateCreateInfo::default()
-        .polygon_mode(vk::PolygonMode::FILL)
-        .cull_mode(vk::CullModeFlags::NONE)
-        .line_width(1.0);
-    let samples =
-        vk::PipelineMultisampleStateCreateInfo::default().rasterization_samples(vk::SampleCountFlags::TYPE_1);
-    let depth = vk::PipelineDepthStencilStateCreateInfo::default()
-        .depth_test_enable(true)
-        .depth_write_enable(true)
-        .depth_compare_op(vk::CompareOp::ALWAYS);
     // No colour is written.
     let blends = [vk::PipelineColorBlendAttachmentState::default(); 2];
-    let blending = vk::PipelineColorBlendStateCreateInfo::default().attachments(&blends[..pass.colours()]);
-    let dynamic = [vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR];
-    let dynamic = vk::PipelineDynamicStateCreateInfo::default().dynamic_states(&dynamic);
-    let info = vk::GraphicsPipelineCreateInfo::default()
-        .stages(&stages)
-        .vertex_input_state(&input)
-        .input_assembly_state(&assembly)
-        .viewport_state(&viewport)
-        .rasterization_state(&raster)
-        .multisample_state(&samples)
-        .depth_stencil_state(&depth)
-        .color_blend_state(&blending)
-        .dynamic_state(&dynamic)
-        .layout(passes.layout)
-        .render_pass(passes.pass(pass)?)
-        .subpass(0);
-    // SAFETY: everything that `info` points to lives until the call returns.
-    let made = unsafe { gpu.device().create_graphics_pipelines(passes.cache(), &[info], None) };
-    Ok(call(made.map_err(|(_, e)| e), "vkCreateGraphicsPipelines")?[0])
+    let pipeline = GraphicsPipeline {
+        shaders: &[(vk::ShaderStageFlags::VERTEX, code)],
+        constants: &Constants::default(),
+        input,
+        topology: vk::PrimitiveTopology::TRIANGLE_LIST,
+        depth: Some(Depth { compare: vk::CompareOp::ALWAYS, write: true }),
+        blends: &blends[..pass.colours()],
+        layout: passes.layout,
+        pass: passes.pass(pass)?,
+        subpass: 0,
+    };
+    pipeline.make(gpu, passes.cache())
 }

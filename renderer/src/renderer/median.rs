@@ -8,11 +8,12 @@
 //! fragment a pixel and look, of which one walks over the steps, and 4 bytes a pixel that are written once and read once;
 //! and nothing at all where no depth is asked for.
 
-use super::readout::OverImage;
 use super::{Renderer, call};
 use crate::config::{Expansion, Lens, RenderConfig};
 use crate::gpu::{Gpu, GpuError};
 use crate::passes::{PUSH_BYTES, PassKey, Passes};
+use crate::pipeline::{GraphicsPipeline, replaced};
+use crate::shader::Constants;
 use crate::{Composite, Sorter};
 use ash::vk;
 use motes_shaders::layout::Specialization;
@@ -106,19 +107,23 @@ impl Median {
         }
         let fragment =
             if pass.view_mask == 0 { modules::MEDIAN_FRAG } else { modules::MEDIAN_FRAG_MULTIVIEW };
-        let write = vk::PipelineColorBlendAttachmentState::default();
-        // The blended image is only read.
-        let writes = [write, write.color_write_mask(vk::ColorComponentFlags::RGBA)];
-        // What was closed since the last look is looked at too.
-        let depth = vk::PipelineDepthStencilStateCreateInfo::default();
-        let over = OverImage {
-            shaders: [modules::MEDIAN_VERT, fragment],
-            pass: passes.pass(pass)?,
+        let pipeline = GraphicsPipeline {
+            shaders: &[
+                (vk::ShaderStageFlags::VERTEX, modules::MEDIAN_VERT),
+                (vk::ShaderStageFlags::FRAGMENT, fragment),
+            ],
+            constants: &Constants::from(&specialization),
+            input: vk::PipelineVertexInputStateCreateInfo::default(),
+            topology: vk::PrimitiveTopology::TRIANGLE_LIST,
+            // What was closed since the last look is looked at too.
+            depth: None,
+            // The blended image is only read.
+            blends: &[vk::PipelineColorBlendAttachmentState::default(), replaced()],
             layout,
-            depth,
-            writes: &writes,
+            pass: passes.pass(pass)?,
+            subpass: 0,
         };
-        let pipeline = over.pipeline(&self.gpu, passes.cache(), &specialization)?;
+        let pipeline = pipeline.make(&self.gpu, passes.cache())?;
         self.pipelines.insert((pass, specialization), pipeline);
         Ok(pipeline)
     }

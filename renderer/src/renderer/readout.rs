@@ -5,8 +5,9 @@ use super::frame_data::is_srgb;
 use super::{DepthTarget, DrawRequest, Renderer, call};
 use crate::gpu::{Gpu, GpuError};
 use crate::passes::{PassKey, Passes};
+use crate::pipeline::{Depth, GraphicsPipeline, replaced};
 use crate::resolution::Resolution;
-use crate::shader::{Module, specialization_entries};
+use crate::shader::Constants;
 use ash::vk;
 use motes_shaders::layout::Specialization;
 use motes_shaders::modules;
@@ -130,20 +131,21 @@ impl Readouts {
             (Readout::Layers, 0) => modules::LAYERS_FRAG,
             (Readout::Layers, _) => modules::LAYERS_FRAG_MULTIVIEW,
         };
-        let write =
-            [vk::PipelineColorBlendAttachmentState::default()
-                .color_write_mask(vk::ColorComponentFlags::RGBA)];
-        let over = OverImage {
-            shaders: [modules::FULLSCREEN_VERT, fragment],
-            pass,
+        let pipeline = GraphicsPipeline {
+            shaders: &[
+                (vk::ShaderStageFlags::VERTEX, modules::FULLSCREEN_VERT),
+                (vk::ShaderStageFlags::FRAGMENT, fragment),
+            ],
+            constants: &Constants::from(&Specialization::default()),
+            input: vk::PipelineVertexInputStateCreateInfo::default(),
+            topology: vk::PrimitiveTopology::TRIANGLE_LIST,
+            depth: depth.then_some(Depth { compare: vk::CompareOp::ALWAYS, write: true }),
+            blends: if depth { &[] } else { &[replaced()] },
             layout: passes.layout,
-            depth: vk::PipelineDepthStencilStateCreateInfo::default()
-                .depth_test_enable(depth)
-                .depth_write_enable(depth)
-                .depth_compare_op(vk::CompareOp::ALWAYS),
-            writes: if depth { &[] } else { &write },
+            pass,
+            subpass: 0,
         };
-        match over.pipeline(&self.gpu, passes.cache(), &Specialization::default()) {
+        match pipeline.make(&self.gpu, passes.cache()) {
             Ok(pipeline) => {
                 self.passes.insert(key, (pass, pipeline));
                 Ok((pass, pipeline))
@@ -190,63 +192,6 @@ impl Drop for Readouts {
                 device.destroy_render_pass(*pass, None);
             }
         }
-    }
-}
-
-/// A pipeline that draws one triangle over the whole image, in the first subpass.
-pub(super) struct OverImage<'a> {
-    pub shaders: [&'static [u32]; 2],
-    pub pass: vk::RenderPass,
-    pub layout: vk::PipelineLayout,
-    pub depth: vk::PipelineDepthStencilStateCreateInfo<'a>,
-    pub writes: &'a [vk::PipelineColorBlendAttachmentState],
-}
-
-impl OverImage<'_> {
-    pub fn pipeline(
-        &self,
-        gpu: &Arc<Gpu>,
-        cache: vk::PipelineCache,
-        specialization: &Specialization,
-    ) -> Result<vk::Pipeline, GpuError> {
-        let [vertex, fragment] = self.shaders;
-        let (vertex, fragment) = (Module::new(gpu, vertex)?, Module::new(gpu, fragment)?);
-        let entries = specialization_entries();
-        let constants =
-            vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::bytes_of(specialization));
-        let stages = [
-            vertex.stage(vk::ShaderStageFlags::VERTEX).specialization_info(&constants),
-            fragment.stage(vk::ShaderStageFlags::FRAGMENT).specialization_info(&constants),
-        ];
-        let input = vk::PipelineVertexInputStateCreateInfo::default();
-        let assembly = vk::PipelineInputAssemblyStateCreateInfo::default()
-            .topology(vk::PrimitiveTopology::TRIANGLE_LIST);
-        let viewport = vk::PipelineViewportStateCreateInfo::default().viewport_count(1).scissor_count(1);
-        let raster = vk::PipelineRasterizationStateCreateInfo::default()
-            .polygon_mode(vk::PolygonMode::FILL)
-            .cull_mode(vk::CullModeFlags::NONE)
-            .line_width(1.0);
-        let samples = vk::PipelineMultisampleStateCreateInfo::default()
-            .rasterization_samples(vk::SampleCountFlags::TYPE_1);
-        let blending = vk::PipelineColorBlendStateCreateInfo::default().attachments(self.writes);
-        let dynamic = [vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR];
-        let dynamic = vk::PipelineDynamicStateCreateInfo::default().dynamic_states(&dynamic);
-        let info = vk::GraphicsPipelineCreateInfo::default()
-            .stages(&stages)
-            .vertex_input_state(&input)
-            .input_assembly_state(&assembly)
-            .viewport_state(&viewport)
-            .rasterization_state(&raster)
-            .multisample_state(&samples)
-            .depth_stencil_state(&self.depth)
-            .color_blend_state(&blending)
-            .dynamic_state(&dynamic)
-            .layout(self.layout)
-            .render_pass(self.pass)
-            .subpass(0);
-        // SAFETY: everything that `info` points to lives until the call returns.
-        let made = unsafe { gpu.device().create_graphics_pipelines(cache, &[info], None) };
-        Ok(call(made.map_err(|(_, e)| e), "vkCreateGraphicsPipelines")?[0])
     }
 }
 

@@ -6,8 +6,9 @@ use crate::config::{RenderConfig, Sorter, Upscale};
 use crate::gpu::{Gpu, GpuError, Image, ImageDescription};
 use crate::order::Positions;
 use crate::passes::PUSH_BYTES;
+use crate::pipeline::{GraphicsPipeline, replaced};
 use crate::resolution::{Resolution, Sampling};
-use crate::shader::Module;
+use crate::shader::Constants;
 use crate::view::View;
 use ash::vk;
 use glam::{DMat3, DVec3};
@@ -345,7 +346,24 @@ impl Upscaler {
             (_, true, false) => modules::UPSCALE_TEMPORAL_FRAG,
             (_, true, true) => modules::UPSCALE_TEMPORAL_FRAG_MULTIVIEW,
         };
-        match self.pipeline(pass, key, code, layout, cache) {
+        let pipeline = GraphicsPipeline {
+            shaders: &[
+                (vk::ShaderStageFlags::VERTEX, modules::FULLSCREEN_VERT),
+                (vk::ShaderStageFlags::FRAGMENT, code),
+            ],
+            constants: &Constants::from_iter([
+                (SAMPLING, key.sampling as u32),
+                (SHARPEN, u32::from(key.sharpen)),
+            ]),
+            input: vk::PipelineVertexInputStateCreateInfo::default(),
+            topology: vk::PrimitiveTopology::TRIANGLE_LIST,
+            depth: None,
+            blends: &[replaced(); 2][..attachments.len()],
+            layout,
+            pass,
+            subpass: 0,
+        };
+        match pipeline.make(&self.gpu, cache) {
             Ok(pipeline) => {
                 self.passes.insert(key, (pass, pipeline));
                 Ok((pass, pipeline))
@@ -356,58 +374,6 @@ impl Upscaler {
                 Err(e)
             }
         }
-    }
-
-    fn pipeline(
-        &self,
-        pass: vk::RenderPass,
-        key: Key,
-        fragment: &[u32],
-        layout: vk::PipelineLayout,
-        cache: vk::PipelineCache,
-    ) -> Result<vk::Pipeline, GpuError> {
-        let vertex = Module::new(&self.gpu, modules::FULLSCREEN_VERT)?;
-        let fragment = Module::new(&self.gpu, fragment)?;
-        let values = [key.sampling as u32, u32::from(key.sharpen)];
-        let entry = |constant_id, offset| vk::SpecializationMapEntry { constant_id, offset, size: 4 };
-        let entries = [entry(SAMPLING, 0), entry(SHARPEN, 4)];
-        let constants =
-            vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::cast_slice(&values));
-        let stages = [
-            vertex.stage(vk::ShaderStageFlags::VERTEX),
-            fragment.stage(vk::ShaderStageFlags::FRAGMENT).specialization_info(&constants),
-        ];
-        let vertex_input = vk::PipelineVertexInputStateCreateInfo::default();
-        let assembly = vk::PipelineInputAssemblyStateCreateInfo::default()
-            .topology(vk::PrimitiveTopology::TRIANGLE_LIST);
-        let viewport = vk::PipelineViewportStateCreateInfo::default().viewport_count(1).scissor_count(1);
-        let raster = vk::PipelineRasterizationStateCreateInfo::default()
-            .polygon_mode(vk::PolygonMode::FILL)
-            .cull_mode(vk::CullModeFlags::NONE)
-            .line_width(1.0);
-        let samples = vk::PipelineMultisampleStateCreateInfo::default()
-            .rasterization_samples(vk::SampleCountFlags::TYPE_1);
-        let write =
-            vk::PipelineColorBlendAttachmentState::default().color_write_mask(vk::ColorComponentFlags::RGBA);
-        let writes = [write; 2];
-        let blending = vk::PipelineColorBlendStateCreateInfo::default()
-            .attachments(&writes[..1 + usize::from(key.kept.is_some())]);
-        let dynamic = [vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR];
-        let dynamic = vk::PipelineDynamicStateCreateInfo::default().dynamic_states(&dynamic);
-        let info = vk::GraphicsPipelineCreateInfo::default()
-            .stages(&stages)
-            .vertex_input_state(&vertex_input)
-            .input_assembly_state(&assembly)
-            .viewport_state(&viewport)
-            .rasterization_state(&raster)
-            .multisample_state(&samples)
-            .color_blend_state(&blending)
-            .dynamic_state(&dynamic)
-            .layout(layout)
-            .render_pass(pass);
-        // SAFETY: everything that `info` points to lives until the call returns.
-        let made = unsafe { self.gpu.device().create_graphics_pipelines(cache, &[info], None) };
-        Ok(call(made.map_err(|(_, e)| e), "vkCreateGraphicsPipelines")?[0])
     }
 
     fn framebuffer(

@@ -9,6 +9,7 @@ pub use standalone::KeySorter;
 use super::OrderRequest;
 use crate::gpu::{Buffer, Gpu, GpuError};
 use crate::parts::Parts;
+use crate::pipeline;
 use crate::scene::SceneOnDevice;
 use crate::{KeyBits, OrderKey};
 use ash::vk;
@@ -205,36 +206,15 @@ fn compute_layout(gpu: &Gpu, sets: &[vk::DescriptorSetLayout]) -> Result<vk::Pip
 
 /// A compute pipeline with the constants `0 ..` and the shape's.
 fn compute_pipeline(
-    gpu: &Gpu,
+    gpu: &Arc<Gpu>,
     layout: vk::PipelineLayout,
-    code: &[u32],
+    code: &'static [u32],
     constants: &[u32],
     shape: SortShape,
 ) -> Result<vk::Pipeline, GpuError> {
-    let device = gpu.device();
-    let ids = (0..constants.len() as u32).chain([100, 101, 102]);
-    let values: Vec<u32> =
-        constants.iter().copied().chain([shape.group, shape.run, shape.digit_bits]).collect();
-    let entries: Vec<_> = (0..)
-        .zip(ids)
-        .map(|(i, constant_id)| vk::SpecializationMapEntry { constant_id, offset: 4 * i, size: 4 })
-        .collect();
-    let constants =
-        vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::cast_slice(&values));
-    let info = vk::ShaderModuleCreateInfo::default().code(code);
-    // SAFETY: the code is SPIR-V, compiled at build time; the module is needed until the pipeline is made.
-    unsafe {
-        let module = call(device.create_shader_module(&info, None), "vkCreateShaderModule")?;
-        let stage = vk::PipelineShaderStageCreateInfo::default()
-            .stage(vk::ShaderStageFlags::COMPUTE)
-            .module(module)
-            .name(c"main")
-            .specialization_info(&constants);
-        let info = vk::ComputePipelineCreateInfo::default().stage(stage).layout(layout);
-        let made = device.create_compute_pipelines(vk::PipelineCache::null(), &[info], None);
-        device.destroy_shader_module(module, None);
-        Ok(call(made.map_err(|(_, e)| e), "vkCreateComputePipelines")?[0])
-    }
+    let shape = [(100, shape.group), (101, shape.run), (102, shape.digit_bits)];
+    let constants = (0..).zip(constants.iter().copied()).chain(shape).collect();
+    pipeline::compute(gpu, vk::PipelineCache::null(), layout, code, &constants)
 }
 
 fn allocate(
