@@ -18,6 +18,7 @@ pub mod plan;
 pub mod projection;
 pub mod projection_error;
 pub mod reference;
+mod render_pass;
 mod renderer;
 mod report;
 pub mod resolution;

@@ -3,6 +3,7 @@
 use crate::gpu::{Gpu, GpuError};
 use crate::pipeline::{self, Depth, GraphicsPipeline, replaced};
 use crate::pipeline_cache::{self, Kept};
+use crate::render_pass::PassKey;
 use crate::shader::Constants;
 use ash::vk;
 use motes_shaders::layout::Specialization;
@@ -13,52 +14,6 @@ use std::sync::Arc;
 
 fn call<T>(result: Result<T, vk::Result>, call: &'static str) -> Result<T, GpuError> {
     result.map_err(|result| GpuError::Call { call, result })
-}
-
-/// What a render pass depends on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(crate) struct PassKey {
-    /// Format of the blended image.
-    pub blended: vk::Format,
-    /// Format of the output and the layout it is left in; without one the blended image is kept for a further pass.
-    pub output: Option<(vk::Format, vk::ImageLayout)>,
-    /// Views rendered at once, as a bit mask; 0 without multiview.
-    pub view_mask: u32,
-    /// Whether saturated pixels are marked in a depth attachment.
-    pub early_stop: bool,
-    /// Whether layers are counted into a second colour attachment.
-    pub count: bool,
-    /// Whether a second colour attachment follows the light for the median depth (early stop; not with counts).
-    pub median: bool,
-    /// Whether a fragment density map says how coarse fragments are.
-    pub density: bool,
-    /// Whether splats are opaque or absent, and a depth attachment finds the nearest.
-    pub stochastic: bool,
-}
-
-impl PassKey {
-    /// Format of the depth attachment: the marks of early stop, or distances.
-    pub fn depth_format(self) -> Option<vk::Format> {
-        match (self.stochastic, self.early_stop) {
-            (true, _) => Some(DISTANCE_FORMAT),
-            (false, true) => Some(MARK_FORMAT),
-            (false, false) => None,
-        }
-    }
-
-    /// The layout that a second colour attachment is left in, of [`SECOND_FORMAT`]; none where there is none.
-    pub fn second(self) -> Option<vk::ImageLayout> {
-        match (self.count, self.median) {
-            (true, _) => Some(vk::ImageLayout::TRANSFER_SRC_OPTIMAL),
-            (false, true) => Some(vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL),
-            (false, false) => None,
-        }
-    }
-
-    /// Colour attachments that splats are drawn with.
-    pub fn colours(self) -> usize {
-        1 + usize::from(self.second().is_some())
-    }
 }
 
 /// The splats' pipelines differ by who makes the corners.
@@ -94,16 +49,6 @@ enum PipelineKey {
     FullScreen(PassKey, FullScreen),
     Compute(Preparation, Specialization),
 }
-
-/// Format of the marks of early stop.
-pub(crate) const MARK_FORMAT: vk::Format = vk::Format::D16_UNORM;
-
-/// Format of the distances of stochastic transparency.
-pub(crate) const DISTANCE_FORMAT: vk::Format = vk::Format::D32_SFLOAT;
-
-/// Format of layer counts: shaded, and of those the ones that reach 1/255 (whole numbers are exact up to 2048); and of
-/// what leads to the median depth.
-pub(crate) const SECOND_FORMAT: vk::Format = vk::Format::R16G16_SFLOAT;
 
 /// Everything that is made once and looked up by key.
 pub(crate) struct Passes {
@@ -232,179 +177,12 @@ impl Passes {
         if self.gpu.capabilities.geometry_shader { stages | vk::ShaderStageFlags::GEOMETRY } else { stages }
     }
 
-    /// The render pass of a key. Attachments: blended image, output (if any), marks (early stop only), layer counts (if counted).
-    ///
-    /// Subpass 0 blends the splats. With early stop it also reads the blended image back as an input attachment, between
-    /// batches and on chip, to write the marks: its self-dependency allows the barrier. Subpass 1 resolves into the output.
+    /// The render pass of a key.
     pub fn pass(&mut self, key: PassKey) -> Result<vk::RenderPass, GpuError> {
         if let Some(pass) = self.passes.get(&key) {
             return Ok(*pass);
         }
-        let blended_layout =
-            if key.early_stop { vk::ImageLayout::GENERAL } else { vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL };
-        let transient = |format, layout, load| {
-            vk::AttachmentDescription::default()
-                .format(format)
-                .samples(vk::SampleCountFlags::TYPE_1)
-                .load_op(load)
-                .store_op(vk::AttachmentStoreOp::DONT_CARE)
-                .stencil_load_op(vk::AttachmentLoadOp::DONT_CARE)
-                .stencil_store_op(vk::AttachmentStoreOp::DONT_CARE)
-                .initial_layout(vk::ImageLayout::UNDEFINED)
-                .final_layout(layout)
-        };
-        let stored = |a: vk::AttachmentDescription| a.store_op(vk::AttachmentStoreOp::STORE);
-        let blended =
-            transient(key.blended, vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL, vk::AttachmentLoadOp::CLEAR);
-        let mut attachments = vec![if key.output.is_some() { blended } else { stored(blended) }];
-        if let Some((format, layout)) = key.output {
-            attachments.push(stored(transient(format, layout, vk::AttachmentLoadOp::DONT_CARE)));
-        }
-        let marks_at = attachments.len() as u32;
-        if let Some(format) = key.depth_format() {
-            attachments.push(transient(
-                format,
-                vk::ImageLayout::DEPTH_STENCIL_ATTACHMENT_OPTIMAL,
-                vk::AttachmentLoadOp::CLEAR,
-            ));
-        }
-        let second_at = attachments.len() as u32;
-        if let Some(kept) = key.second() {
-            attachments.push(stored(transient(SECOND_FORMAT, kept, vk::AttachmentLoadOp::CLEAR)));
-        }
-        let density_at = attachments.len() as u32;
-        let density_layout = vk::ImageLayout::FRAGMENT_DENSITY_MAP_OPTIMAL_EXT;
-        if key.density {
-            let map = transient(vk::Format::R8G8_UNORM, density_layout, vk::AttachmentLoadOp::LOAD);
-            attachments.push(map.initial_layout(density_layout));
-        }
-        let drawn =
-            [0, second_at].map(|attachment| vk::AttachmentReference { attachment, layout: blended_layout });
-        let blended_read =
-            [vk::AttachmentReference { attachment: 0, layout: vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL }];
-        let output =
-            [vk::AttachmentReference { attachment: 1, layout: vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL }];
-        let marks = vk::AttachmentReference {
-            attachment: marks_at,
-            layout: vk::ImageLayout::DEPTH_STENCIL_ATTACHMENT_OPTIMAL,
-        };
-        let mut splats = vk::SubpassDescription::default()
-            .pipeline_bind_point(vk::PipelineBindPoint::GRAPHICS)
-            .color_attachments(&drawn[..key.colours()]);
-        if key.depth_format().is_some() {
-            splats = splats.depth_stencil_attachment(&marks);
-        }
-        if key.early_stop {
-            splats = splats.input_attachments(&drawn[..1 + usize::from(key.median)]);
-        }
-        let kept = [second_at];
-        let resolve = vk::SubpassDescription::default()
-            .pipeline_bind_point(vk::PipelineBindPoint::GRAPHICS)
-            .input_attachments(&blended_read)
-            .color_attachments(&output)
-            .preserve_attachments(&kept[..key.colours() - 1]);
-        let subpasses = [splats, resolve];
-        let subpasses = &subpasses[..if key.output.is_some() { 2 } else { 1 }];
-        let by_region = if key.view_mask == 0 {
-            vk::DependencyFlags::BY_REGION
-        } else {
-            vk::DependencyFlags::BY_REGION | vk::DependencyFlags::VIEW_LOCAL
-        };
-        let tests =
-            vk::PipelineStageFlags::EARLY_FRAGMENT_TESTS | vk::PipelineStageFlags::LATE_FRAGMENT_TESTS;
-        let depth =
-            vk::AccessFlags::DEPTH_STENCIL_ATTACHMENT_READ | vk::AccessFlags::DEPTH_STENCIL_ATTACHMENT_WRITE;
-        let color = vk::AccessFlags::COLOR_ATTACHMENT_READ | vk::AccessFlags::COLOR_ATTACHMENT_WRITE;
-        let outside = vk::PipelineStageFlags::COLOR_ATTACHMENT_OUTPUT
-            | vk::PipelineStageFlags::FRAGMENT_SHADER
-            | vk::PipelineStageFlags::TRANSFER
-            | tests;
-        let mut dependencies = vec![
-            // The frame before may still read or write these images.
-            vk::SubpassDependency::default()
-                .src_subpass(vk::SUBPASS_EXTERNAL)
-                .dst_subpass(0)
-                .src_stage_mask(outside)
-                .dst_stage_mask(vk::PipelineStageFlags::COLOR_ATTACHMENT_OUTPUT | tests)
-                .src_access_mask(vk::AccessFlags::COLOR_ATTACHMENT_WRITE | depth)
-                .dst_access_mask(color | depth),
-            vk::SubpassDependency::default()
-                .src_subpass(vk::SUBPASS_EXTERNAL)
-                .dst_subpass(1)
-                .src_stage_mask(outside)
-                .dst_stage_mask(vk::PipelineStageFlags::COLOR_ATTACHMENT_OUTPUT)
-                .src_access_mask(vk::AccessFlags::COLOR_ATTACHMENT_WRITE)
-                .dst_access_mask(color),
-            vk::SubpassDependency::default()
-                .src_subpass(0)
-                .dst_subpass(1)
-                .src_stage_mask(vk::PipelineStageFlags::COLOR_ATTACHMENT_OUTPUT)
-                .dst_stage_mask(
-                    vk::PipelineStageFlags::FRAGMENT_SHADER | vk::PipelineStageFlags::COLOR_ATTACHMENT_OUTPUT,
-                )
-                .src_access_mask(vk::AccessFlags::COLOR_ATTACHMENT_WRITE)
-                .dst_access_mask(vk::AccessFlags::INPUT_ATTACHMENT_READ | color)
-                .dependency_flags(by_region),
-            vk::SubpassDependency::default()
-                .src_subpass(1)
-                .dst_subpass(vk::SUBPASS_EXTERNAL)
-                .src_stage_mask(vk::PipelineStageFlags::COLOR_ATTACHMENT_OUTPUT)
-                .dst_stage_mask(
-                    vk::PipelineStageFlags::TRANSFER
-                        | vk::PipelineStageFlags::FRAGMENT_SHADER
-                        | vk::PipelineStageFlags::BOTTOM_OF_PIPE,
-                )
-                .src_access_mask(vk::AccessFlags::COLOR_ATTACHMENT_WRITE)
-                .dst_access_mask(vk::AccessFlags::TRANSFER_READ | vk::AccessFlags::SHADER_READ),
-        ];
-        if key.output.is_none() {
-            // The further pass waits for this one by itself.
-            dependencies.truncate(1);
-        }
-        if key.early_stop {
-            dependencies.push(
-                vk::SubpassDependency::default()
-                    .src_subpass(0)
-                    .dst_subpass(0)
-                    .src_stage_mask(vk::PipelineStageFlags::COLOR_ATTACHMENT_OUTPUT)
-                    .dst_stage_mask(vk::PipelineStageFlags::FRAGMENT_SHADER)
-                    .src_access_mask(vk::AccessFlags::COLOR_ATTACHMENT_WRITE)
-                    .dst_access_mask(vk::AccessFlags::INPUT_ATTACHMENT_READ)
-                    .dependency_flags(by_region),
-            );
-        }
-        if key.second().is_some() {
-            dependencies.push(
-                vk::SubpassDependency::default()
-                    .src_subpass(0)
-                    .dst_subpass(vk::SUBPASS_EXTERNAL)
-                    .src_stage_mask(vk::PipelineStageFlags::COLOR_ATTACHMENT_OUTPUT)
-                    .dst_stage_mask(
-                        vk::PipelineStageFlags::TRANSFER | vk::PipelineStageFlags::FRAGMENT_SHADER,
-                    )
-                    .src_access_mask(vk::AccessFlags::COLOR_ATTACHMENT_WRITE)
-                    .dst_access_mask(vk::AccessFlags::TRANSFER_READ | vk::AccessFlags::SHADER_READ),
-            );
-        }
-        let masks = [key.view_mask; 2];
-        let mut multiview =
-            vk::RenderPassMultiviewCreateInfo::default().view_masks(&masks[..subpasses.len()]);
-        let mut info = vk::RenderPassCreateInfo::default()
-            .attachments(&attachments)
-            .subpasses(subpasses)
-            .dependencies(&dependencies);
-        if key.view_mask != 0 {
-            info = info.push_next(&mut multiview);
-        }
-        let mut density =
-            vk::RenderPassFragmentDensityMapCreateInfoEXT::default().fragment_density_map_attachment(
-                vk::AttachmentReference { attachment: density_at, layout: density_layout },
-            );
-        if key.density {
-            info = info.push_next(&mut density);
-        }
-        // SAFETY: `info` is complete and lives until the call returns.
-        let pass = call(unsafe { self.gpu.device().create_render_pass(&info, None) }, "vkCreateRenderPass")?;
+        let pass = key.make(&self.gpu)?;
         self.passes.insert(key, pass);
         Ok(pass)
     }
@@ -414,17 +192,13 @@ impl Passes {
         let barrier = vk::MemoryBarrier::default()
             .src_access_mask(vk::AccessFlags::COLOR_ATTACHMENT_WRITE)
             .dst_access_mask(vk::AccessFlags::INPUT_ATTACHMENT_READ);
-        let mut flags = vk::DependencyFlags::BY_REGION;
-        if key.view_mask != 0 {
-            flags |= vk::DependencyFlags::VIEW_LOCAL;
-        }
         // SAFETY: recorded inside subpass 0, whose self-dependency says the same.
         unsafe {
             self.gpu.device().cmd_pipeline_barrier(
                 commands,
                 vk::PipelineStageFlags::COLOR_ATTACHMENT_OUTPUT,
                 vk::PipelineStageFlags::FRAGMENT_SHADER,
-                flags,
+                key.by_region(),
                 &[barrier],
                 &[],
                 &[],

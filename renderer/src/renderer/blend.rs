@@ -3,10 +3,11 @@
 use super::frame_data::is_srgb;
 use super::median::FOLLOWED_BATCHES;
 use super::upscale::Reduction;
-use super::{Attachments, DrawRequest, Framebuffer, FramebufferKey, Renderer, call};
+use super::{Attachments, DrawRequest, Renderer};
 use crate::config::Expansion;
 use crate::gpu::{Buffer, GpuError, Image, ImageDescription};
-use crate::passes::{FullScreen, PUSH_BYTES, PassKey, SECOND_FORMAT, Stages};
+use crate::passes::{FullScreen, PUSH_BYTES, Stages};
+use crate::render_pass::{PassKey, SECOND_FORMAT};
 use ash::vk;
 use gpu_allocator::MemoryLocation;
 use motes_shaders::layout::{Draw, MarkDraw, Plan, QUADS_PER_INSTANCE, Specialization};
@@ -239,30 +240,16 @@ impl Renderer {
         let Some(Attachments { blended, marks, second }) = &self.attachments else {
             return Err(GpuError::NoDevice("no image to blend into".into()));
         };
-        let views = [blended.view(), second.as_ref().map_or(vk::ImageView::null(), Image::view)];
-        let key = FramebufferKey { pass: render_pass, output, size };
-        if let Some(framebuffer) = self.framebuffers.get(&key) {
-            return Ok((framebuffer.raw, views));
-        }
-        let mut attachments = vec![blended.view()];
-        attachments.extend(pass.output.map(|_| output));
-        if let (Some(marks), Some(_)) = (marks, pass.depth_format()) {
-            attachments.push(marks.view());
-        }
-        if pass.second().is_some() {
-            attachments.push(views[1]);
-        }
-        attachments.extend(density);
-        let info = vk::FramebufferCreateInfo::default()
-            .render_pass(render_pass)
-            .attachments(&attachments)
-            .width(size[0])
-            .height(size[1])
-            .layers(1);
-        // SAFETY: pass and views are alive.
-        let raw = call(unsafe { self.gpu.device().create_framebuffer(&info, None) }, "vkCreateFramebuffer")?;
-        self.framebuffers.insert(key, Framebuffer { raw });
-        Ok((raw, views))
+        let none = vk::ImageView::null();
+        let views = [blended.view(), second.as_ref().map_or(none, Image::view)];
+        let attached = [
+            views[0],
+            pass.output.map_or(none, |_| output),
+            marks.as_ref().filter(|_| pass.depth_format().is_some()).map_or(none, Image::view),
+            if pass.second().is_some() { views[1] } else { none },
+            density.unwrap_or(none),
+        ];
+        Ok((self.framebuffers.of(render_pass, attached, size)?, views))
     }
 
     /// Indices of one instance: every polygon as a strip that zigzags from corner 0. After those of octagons, those of squares.

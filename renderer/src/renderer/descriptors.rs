@@ -116,4 +116,29 @@ impl Renderer {
         unsafe { self.gpu.device().update_descriptor_sets(&[write], &[]) };
         Ok(set)
     }
+
+    /// Images that a pass samples, clamped to the edge, at bindings 1 and up of set 3.
+    pub(super) fn sampled_set<const N: usize>(
+        &self,
+        slot: usize,
+        views: [vk::ImageView; N],
+    ) -> Result<vk::DescriptorSet, GpuError> {
+        let set = self.allocate_set(slot, 3)?;
+        let infos = views.map(|image_view| {
+            [vk::DescriptorImageInfo {
+                sampler: self.upscaler.sampler(),
+                image_view,
+                image_layout: vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL,
+            }]
+        });
+        let writes: [_; N] = std::array::from_fn(|i| {
+            vk::WriteDescriptorSet { dst_set: set, ..Default::default() }
+                .dst_binding(1 + i as u32)
+                .descriptor_type(vk::DescriptorType::COMBINED_IMAGE_SAMPLER)
+                .image_info(&infos[i])
+        });
+        // SAFETY: set, views and sampler are alive and not in use by the device.
+        unsafe { self.gpu.device().update_descriptor_sets(&writes, &[]) };
+        Ok(set)
+    }
 }

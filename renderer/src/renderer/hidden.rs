@@ -6,8 +6,9 @@
 
 use super::Renderer;
 use crate::gpu::{Buffer, Gpu, GpuError};
-use crate::passes::{PassKey, Passes};
+use crate::passes::Passes;
 use crate::pipeline::{Depth, GraphicsPipeline};
+use crate::render_pass::PassKey;
 use crate::shader::Constants;
 use ash::vk;
 use gpu_allocator::MemoryLocation;

@@ -11,8 +11,9 @@
 use super::{Renderer, call};
 use crate::config::{Expansion, Lens, RenderConfig};
 use crate::gpu::{Gpu, GpuError};
-use crate::passes::{PUSH_BYTES, PassKey, Passes};
+use crate::passes::{PUSH_BYTES, Passes};
 use crate::pipeline::{GraphicsPipeline, replaced};
+use crate::render_pass::PassKey;
 use crate::shader::Constants;
 use crate::{Composite, Sorter};
 use ash::vk;

@@ -3,6 +3,8 @@
 mod blend;
 mod descriptors;
 mod frame_data;
+mod framebuffers;
+mod full_screen;
 mod hidden;
 mod median;
 mod order;
@@ -18,20 +20,23 @@ use crate::gpu::{Buffer, Gpu, GpuError, Image};
 use crate::order::SplatOrder;
 use crate::order::device::DeviceSort;
 use crate::parts::Parts;
-use crate::passes::{PassKey, Passes};
+use crate::passes::Passes;
 use crate::pipeline_cache::Kept;
+use crate::render_pass::PassKey;
 use crate::report::{FrameReport, Queries};
 use crate::scene::SceneOnDevice;
 use crate::view::View;
 use crate::workspace::Workspace;
 use ash::vk;
 use frame_data::{blended_format, frame_data, specialization};
+use framebuffers::Framebuffers;
+use full_screen::FullScreenPasses;
 use gpu_allocator::MemoryLocation;
 use hidden::Hidden;
 use median::Median;
 use motes_shaders::layout::FrameData;
 use prepare::PREPARATION_DISPATCHES;
-use readout::Readouts;
+use readout::ReadoutKey;
 use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -144,17 +149,6 @@ impl Frame {
     }
 }
 
-#[derive(Clone, Copy, PartialEq, Eq, Hash)]
-struct FramebufferKey {
-    pass: vk::RenderPass,
-    output: vk::ImageView,
-    size: [u32; 2],
-}
-
-struct Framebuffer {
-    raw: vk::Framebuffer,
-}
-
 /// Images that a frame is drawn in, besides the caller's.
 struct Attachments {
     blended: Image,
@@ -183,11 +177,11 @@ pub struct Renderer {
     count_layers: bool,
     /// Layers are shown as colours, and so many are the hottest.
     shown_layers: Option<f32>,
-    framebuffers: HashMap<FramebufferKey, Framebuffer>,
+    framebuffers: Framebuffers,
     background: [f32; 3],
     hidden: Hidden,
     median: Median,
-    readouts: Readouts,
+    readouts: FullScreenPasses<ReadoutKey>,
     upscaler: Upscaler,
     /// Of the newest frame that is done.
     finished: FrameReport,
@@ -213,11 +207,11 @@ impl Renderer {
             attachments: None,
             count_layers: false,
             shown_layers: None,
-            framebuffers: HashMap::new(),
+            framebuffers: Framebuffers::new(gpu),
             background: [0.0; 3],
             hidden: Hidden::new(gpu),
             median: Median::new(gpu),
-            readouts: Readouts::new(gpu),
+            readouts: FullScreenPasses::new(gpu),
             upscaler: Upscaler::new(gpu)?,
             finished: FrameReport::default(),
         };
@@ -436,12 +430,7 @@ impl Renderer {
     /// The device was lost.
     pub fn forget_targets(&mut self) -> Result<(), GpuError> {
         self.gpu.wait_idle()?;
-        self.upscaler.forget_framebuffers();
-        self.readouts.forget_framebuffers();
-        for (_, framebuffer) in self.framebuffers.drain() {
-            // SAFETY: the device is idle.
-            unsafe { self.gpu.device().destroy_framebuffer(framebuffer.raw, None) };
-        }
+        self.framebuffers.forget();
         Ok(())
     }
 
@@ -486,7 +475,7 @@ impl Renderer {
         }
         self.write_parts(frame.slot, request.scene)?;
         let reduction = self.upscaler.reduction(request);
-        self.upscaler.begin(request, &reduction, blended_format(config.target))?;
+        self.upscaler.begin(request, &reduction, blended_format(config.target), &mut self.framebuffers)?;
         if config.sort_per_eye && views.len() == 2 {
             for eye in 0..2 {
                 let part = DrawRequest { views: &views[eye..=eye], ..*request };

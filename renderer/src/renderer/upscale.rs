@@ -1,19 +1,18 @@
 //! From a frame of reduced resolution to the shown image: a pass of its own, which samples the rendered image. The same
 //! pass averages the samples of stochastic transparency over frames.
 
+use super::framebuffers::Framebuffers;
+use super::full_screen::{Bindings, FullScreenKey, FullScreenPass, FullScreenPasses};
 use super::{DrawRequest, Renderer, call};
 use crate::config::{RenderConfig, Sorter, Upscale};
 use crate::gpu::{Gpu, GpuError, Image, ImageDescription};
 use crate::order::Positions;
 use crate::passes::PUSH_BYTES;
-use crate::pipeline::{GraphicsPipeline, replaced};
 use crate::resolution::{Resolution, Sampling};
-use crate::shader::Constants;
 use crate::view::View;
 use ash::vk;
 use glam::{DMat3, DVec3};
 use motes_shaders::modules;
-use std::collections::HashMap;
 use std::sync::{Arc, Weak};
 
 use super::frame_data::is_srgb;
@@ -24,7 +23,7 @@ const SHARPEN: u32 = 18;
 
 /// What the pass and its pipeline depend on.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
-struct Key {
+struct UpscaleKey {
     output: vk::Format,
     output_layout: vk::ImageLayout,
     view_mask: u32,
@@ -120,8 +119,7 @@ struct History {
 pub(super) struct Upscaler {
     gpu: Arc<Gpu>,
     sampler: vk::Sampler,
-    passes: HashMap<Key, (vk::RenderPass, vk::Pipeline)>,
-    framebuffers: HashMap<(vk::RenderPass, vk::ImageView, vk::ImageView), vk::Framebuffer>,
+    passes: FullScreenPasses<UpscaleKey>,
     history: Option<History>,
     step: u32,
     /// Whether the random samples of stochastic transparency are averaged over frames.
@@ -154,8 +152,7 @@ impl Upscaler {
         Ok(Self {
             gpu: gpu.clone(),
             sampler,
-            passes: HashMap::new(),
-            framebuffers: HashMap::new(),
+            passes: FullScreenPasses::new(gpu),
             history: None,
             step: 0,
             average_samples: false,
@@ -221,6 +218,7 @@ impl Upscaler {
         request: &DrawRequest<'_>,
         reduction: &Reduction,
         format: vk::Format,
+        framebuffers: &mut Framebuffers,
     ) -> Result<(), GpuError> {
         if !self.keeps(request.config, &reduction.resolution) {
             return Ok(());
@@ -236,7 +234,7 @@ impl Upscaler {
         };
         if self.history.as_ref().is_none_or(|h| h.images[0].description() != description) {
             self.gpu.wait_idle()?;
-            self.forget_framebuffers();
+            framebuffers.forget();
             self.history = None;
             let images = [
                 Image::new(&self.gpu, "history 0", description)?,
@@ -266,139 +264,42 @@ impl Upscaler {
             history.shown = None;
         }
     }
+}
 
-    /// Destroys framebuffers. The device must be idle.
-    pub fn forget_framebuffers(&mut self) {
-        for (_, framebuffer) in self.framebuffers.drain() {
-            // SAFETY: the device is idle.
-            unsafe { self.gpu.device().destroy_framebuffer(framebuffer, None) };
-        }
-    }
-
-    fn pass(
-        &mut self,
-        key: Key,
-        layout: vk::PipelineLayout,
-        cache: vk::PipelineCache,
-    ) -> Result<(vk::RenderPass, vk::Pipeline), GpuError> {
-        if let Some(made) = self.passes.get(&key) {
-            return Ok(*made);
-        }
-        let attachment = |format, layout| {
-            vk::AttachmentDescription::default()
-                .format(format)
-                .samples(vk::SampleCountFlags::TYPE_1)
-                .load_op(vk::AttachmentLoadOp::DONT_CARE)
-                .store_op(vk::AttachmentStoreOp::STORE)
-                .stencil_load_op(vk::AttachmentLoadOp::DONT_CARE)
-                .stencil_store_op(vk::AttachmentStoreOp::DONT_CARE)
-                .initial_layout(vk::ImageLayout::UNDEFINED)
-                .final_layout(layout)
-        };
-        let mut attachments = vec![attachment(key.output, key.output_layout)];
-        attachments.extend(key.kept.map(|f| attachment(f, vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL)));
-        let colors = [0, 1].map(|a| vk::AttachmentReference {
-            attachment: a,
-            layout: vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL,
-        });
-        let subpasses = [vk::SubpassDescription::default()
-            .pipeline_bind_point(vk::PipelineBindPoint::GRAPHICS)
-            .color_attachments(&colors[..attachments.len()])];
+impl FullScreenKey for UpscaleKey {
+    fn describe(self) -> FullScreenPass {
+        let kept = self.kept.map(|format| (format, vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL));
         let color = vk::PipelineStageFlags::COLOR_ATTACHMENT_OUTPUT;
         let fragment = vk::PipelineStageFlags::FRAGMENT_SHADER;
-        let dependencies = [
+        let transfer = vk::PipelineStageFlags::TRANSFER;
+        let (write, read) = (vk::AccessFlags::COLOR_ATTACHMENT_WRITE, vk::AccessFlags::SHADER_READ);
+        FullScreenPass {
+            outputs: std::iter::once((self.output, self.output_layout)).chain(kept).collect(),
+            depth: false,
+            view_mask: self.view_mask,
             // What was rendered, and the frame before, are read; the frame before that, and its reader, are over.
-            vk::SubpassDependency::default()
-                .src_subpass(vk::SUBPASS_EXTERNAL)
-                .dst_subpass(0)
-                .src_stage_mask(color | fragment | vk::PipelineStageFlags::TRANSFER)
-                .dst_stage_mask(color | fragment)
-                .src_access_mask(vk::AccessFlags::COLOR_ATTACHMENT_WRITE)
-                .dst_access_mask(vk::AccessFlags::COLOR_ATTACHMENT_WRITE | vk::AccessFlags::SHADER_READ),
-            vk::SubpassDependency::default()
-                .src_subpass(0)
-                .dst_subpass(vk::SUBPASS_EXTERNAL)
-                .src_stage_mask(color)
-                .dst_stage_mask(
-                    vk::PipelineStageFlags::TRANSFER | fragment | vk::PipelineStageFlags::BOTTOM_OF_PIPE,
-                )
-                .src_access_mask(vk::AccessFlags::COLOR_ATTACHMENT_WRITE)
-                .dst_access_mask(vk::AccessFlags::TRANSFER_READ | vk::AccessFlags::SHADER_READ),
-        ];
-        let masks = [key.view_mask];
-        let mut multiview = vk::RenderPassMultiviewCreateInfo::default().view_masks(&masks);
-        let mut info = vk::RenderPassCreateInfo::default()
-            .attachments(&attachments)
-            .subpasses(&subpasses)
-            .dependencies(&dependencies);
-        if key.view_mask != 0 {
-            info = info.push_next(&mut multiview);
-        }
-        // SAFETY: `info` is complete and lives until the call returns.
-        let pass = call(unsafe { self.gpu.device().create_render_pass(&info, None) }, "vkCreateRenderPass")?;
-        let code = match (key.sampling, key.kept.is_some(), key.view_mask != 0) {
-            (_, _, false) if key.mean => modules::UPSCALE_MEAN_FRAG,
-            (_, _, true) if key.mean => modules::UPSCALE_MEAN_FRAG_MULTIVIEW,
-            (Sampling::Centers, _, false) => modules::UPSCALE_BILINEAR_FRAG,
-            (Sampling::Centers, _, true) => modules::UPSCALE_BILINEAR_FRAG_MULTIVIEW,
-            (_, false, false) => modules::UPSCALE_INTERLEAVED_FRAG,
-            (_, false, true) => modules::UPSCALE_INTERLEAVED_FRAG_MULTIVIEW,
-            (_, true, false) => modules::UPSCALE_TEMPORAL_FRAG,
-            (_, true, true) => modules::UPSCALE_TEMPORAL_FRAG_MULTIVIEW,
-        };
-        let pipeline = GraphicsPipeline {
-            shaders: &[
-                (vk::ShaderStageFlags::VERTEX, modules::FULLSCREEN_VERT),
-                (vk::ShaderStageFlags::FRAGMENT, code),
+            before: [(color | fragment | transfer, write), (color | fragment, write | read)],
+            after: [
+                (color, write),
+                (
+                    transfer | fragment | vk::PipelineStageFlags::BOTTOM_OF_PIPE,
+                    vk::AccessFlags::TRANSFER_READ | read,
+                ),
             ],
-            constants: &Constants::from_iter([
-                (SAMPLING, key.sampling as u32),
-                (SHARPEN, u32::from(key.sharpen)),
-            ]),
-            input: vk::PipelineVertexInputStateCreateInfo::default(),
-            topology: vk::PrimitiveTopology::TRIANGLE_LIST,
-            depth: None,
-            blends: &[replaced(); 2][..attachments.len()],
-            layout,
-            pass,
-            subpass: 0,
-        };
-        match pipeline.make(&self.gpu, cache) {
-            Ok(pipeline) => {
-                self.passes.insert(key, (pass, pipeline));
-                Ok((pass, pipeline))
-            }
-            Err(e) => {
-                // SAFETY: nothing was made of the pass.
-                unsafe { self.gpu.device().destroy_render_pass(pass, None) };
-                Err(e)
-            }
+            fragment: match (self.sampling, self.kept.is_some(), self.view_mask != 0) {
+                (_, _, false) if self.mean => modules::UPSCALE_MEAN_FRAG,
+                (_, _, true) if self.mean => modules::UPSCALE_MEAN_FRAG_MULTIVIEW,
+                (Sampling::Centers, _, false) => modules::UPSCALE_BILINEAR_FRAG,
+                (Sampling::Centers, _, true) => modules::UPSCALE_BILINEAR_FRAG_MULTIVIEW,
+                (_, false, false) => modules::UPSCALE_INTERLEAVED_FRAG,
+                (_, false, true) => modules::UPSCALE_INTERLEAVED_FRAG_MULTIVIEW,
+                (_, true, false) => modules::UPSCALE_TEMPORAL_FRAG,
+                (_, true, true) => modules::UPSCALE_TEMPORAL_FRAG_MULTIVIEW,
+            },
+            constants: [(SAMPLING, self.sampling as u32), (SHARPEN, u32::from(self.sharpen))]
+                .into_iter()
+                .collect(),
         }
-    }
-
-    fn framebuffer(
-        &mut self,
-        pass: vk::RenderPass,
-        output: vk::ImageView,
-        kept: Option<vk::ImageView>,
-        size: [u32; 2],
-    ) -> Result<vk::Framebuffer, GpuError> {
-        let key = (pass, output, kept.unwrap_or_default());
-        if let Some(framebuffer) = self.framebuffers.get(&key) {
-            return Ok(*framebuffer);
-        }
-        let mut attachments = vec![output];
-        attachments.extend(kept);
-        let info = vk::FramebufferCreateInfo::default()
-            .render_pass(pass)
-            .attachments(&attachments)
-            .width(size[0])
-            .height(size[1])
-            .layers(1);
-        // SAFETY: pass and views are alive.
-        let made = call(unsafe { self.gpu.device().create_framebuffer(&info, None) }, "vkCreateFramebuffer")?;
-        self.framebuffers.insert(key, made);
-        Ok(made)
     }
 }
 
@@ -430,7 +331,7 @@ impl Renderer {
             }
             _ => (rendered, None, None),
         };
-        let key = Key {
+        let key = UpscaleKey {
             output: target.format,
             output_layout: target.layout,
             view_mask,
@@ -439,36 +340,8 @@ impl Renderer {
             sharpen: config.sharpen > 0.0,
             kept,
         };
-        let layout = self.passes.layout;
-        let (pass, pipeline) = self.upscaler.pass(key, layout, self.passes.cache())?;
         let output = layer.map_or(target.all, |l| target.layers[l]);
-        let framebuffer = self.upscaler.framebuffer(pass, output, written, target.size)?;
-
-        let set = self.allocate_set(slot, 3)?;
-        let info = |image_view| {
-            [vk::DescriptorImageInfo {
-                sampler: self.upscaler.sampler,
-                image_view,
-                image_layout: vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL,
-            }]
-        };
-        let (rendered, read) = (info(rendered), info(read));
-        let write = |binding, infos| {
-            vk::WriteDescriptorSet { dst_set: set, ..Default::default() }
-                .dst_binding(binding)
-                .descriptor_type(vk::DescriptorType::COMBINED_IMAGE_SAMPLER)
-                .image_info(infos)
-        };
-        let writes = [write(1, &rendered[..]), write(2, &read[..])];
-        // SAFETY: set, views and sampler are alive and the set is not in use by the device.
-        unsafe { self.gpu.device().update_descriptor_sets(&writes, &[]) };
-
-        let [width, height] = target.size;
-        let area = vk::Rect2D { offset: vk::Offset2D::default(), extent: vk::Extent2D { width, height } };
-        let viewport =
-            vk::Viewport { width: width as f32, height: height as f32, max_depth: 1.0, ..Default::default() };
-        let begin =
-            vk::RenderPassBeginInfo::default().render_pass(pass).framebuffer(framebuffer).render_area(area);
+        let set = self.sampled_set(slot, [rendered, read])?;
         let b = config.background;
         let push = [
             b[0].to_bits(),
@@ -480,40 +353,20 @@ impl Renderer {
             layer.unwrap_or(0) as u32,
         ];
         const { assert!(PUSH_BYTES >= 28) };
-        let device = self.gpu.device();
-        let commands = self.slots[slot].commands;
-        let graphics = vk::PipelineBindPoint::GRAPHICS;
-        let push_stages = self.passes.push_stages();
-        // SAFETY: every handle is alive until the frame is done.
-        unsafe {
-            device.cmd_begin_render_pass(commands, &begin, vk::SubpassContents::INLINE);
-            device.cmd_set_viewport(commands, 0, &[viewport]);
-            device.cmd_set_scissor(commands, 0, &[area]);
-            device.cmd_bind_descriptor_sets(commands, graphics, layout, 0, &[frame_set], &[]);
-            device.cmd_bind_descriptor_sets(commands, graphics, layout, 3, &[set], &[]);
-            device.cmd_bind_pipeline(commands, graphics, pipeline);
-            device.cmd_push_constants(commands, layout, push_stages, 0, bytemuck::cast_slice(&push));
-            device.cmd_draw(commands, 3, 1, 0, 0);
-            device.cmd_end_render_pass(commands);
-        }
-        let report = &mut self.slots[slot].report;
-        report.draws += 1;
-        report.passes += 1;
-        Ok(())
+        let bindings = Bindings {
+            views: [output, written.unwrap_or_default()],
+            size: target.size,
+            sets: &[(0, frame_set), (3, set)],
+            push: &push,
+        };
+        let slot = &mut self.slots[slot];
+        self.upscaler.passes.record(slot, &self.passes, &mut self.framebuffers, key, &bindings)
     }
 }
 
 impl Drop for Upscaler {
     fn drop(&mut self) {
-        self.forget_framebuffers();
         // SAFETY: the renderer that owns this has waited for its frames.
-        unsafe {
-            let device = self.gpu.device();
-            for (pass, pipeline) in self.passes.values() {
-                device.destroy_pipeline(*pipeline, None);
-                device.destroy_render_pass(*pass, None);
-            }
-            device.destroy_sampler(self.sampler, None);
-        }
+        unsafe { self.gpu.device().destroy_sampler(self.sampler, None) };
     }
 }
