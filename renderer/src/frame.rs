@@ -1,12 +1,8 @@
 //! Command buffers: made, submitted, waited for.
 
-use crate::gpu::{Gpu, GpuError};
+use crate::gpu::{During, Gpu, GpuError};
 use ash::vk;
 use std::sync::Arc;
-
-fn call<T>(result: Result<T, vk::Result>, call: &'static str) -> Result<T, GpuError> {
-    result.map_err(|result| GpuError::Call { call, result })
-}
 
 /// A pool with one primary command buffer, and an unsignalled fence. The caller destroys pool and fence.
 pub(crate) fn command_pool(
@@ -17,13 +13,13 @@ pub(crate) fn command_pool(
         .flags(vk::CommandPoolCreateFlags::RESET_COMMAND_BUFFER);
     // SAFETY: the device is alive; what was made is destroyed if a later step fails.
     unsafe {
-        let pool = call(gpu.device().create_command_pool(&info, None), "vkCreateCommandPool")?;
+        let pool = gpu.device().create_command_pool(&info, None).during("vkCreateCommandPool")?;
         let info = vk::CommandBufferAllocateInfo::default()
             .command_pool(pool)
             .level(vk::CommandBufferLevel::PRIMARY)
             .command_buffer_count(1);
-        let commands = call(gpu.device().allocate_command_buffers(&info), "vkAllocateCommandBuffers");
-        let fence = call(gpu.device().create_fence(&vk::FenceCreateInfo::default(), None), "vkCreateFence");
+        let commands = gpu.device().allocate_command_buffers(&info).during("vkAllocateCommandBuffers");
+        let fence = gpu.device().create_fence(&vk::FenceCreateInfo::default(), None).during("vkCreateFence");
         match (commands, fence) {
             (Ok(commands), Ok(fence)) => Ok((pool, commands[0], fence)),
             (commands, fence) => {
@@ -51,16 +47,16 @@ pub(crate) fn submit_and_wait(
     let begin = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
     // SAFETY: the command buffer is not in flight: every use of it is waited for here.
     unsafe {
-        call(device.begin_command_buffer(commands, &begin), "vkBeginCommandBuffer")?;
+        device.begin_command_buffer(commands, &begin).during("vkBeginCommandBuffer")?;
         record(device, commands);
-        call(device.end_command_buffer(commands), "vkEndCommandBuffer")?;
+        device.end_command_buffer(commands).during("vkEndCommandBuffer")?;
         let buffers = [commands];
         let submit = vk::SubmitInfo::default().command_buffers(&buffers);
         {
             let queue = gpu.queue();
-            call(device.queue_submit(*queue, &[submit], fence), "vkQueueSubmit")?;
+            device.queue_submit(*queue, &[submit], fence).during("vkQueueSubmit")?;
         }
-        call(device.wait_for_fences(&[fence], true, u64::MAX), "vkWaitForFences")?;
-        call(device.reset_fences(&[fence]), "vkResetFences")
+        device.wait_for_fences(&[fence], true, u64::MAX).during("vkWaitForFences")?;
+        device.reset_fences(&[fence]).during("vkResetFences")
     }
 }

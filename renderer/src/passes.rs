@@ -1,6 +1,6 @@
 //! Render passes and pipelines, made on first use and kept.
 
-use crate::gpu::{Gpu, GpuError};
+use crate::gpu::{During, Gpu, GpuError};
 use crate::pipeline::{self, Depth, GraphicsPipeline, replaced};
 use crate::pipeline_cache::{self, Kept};
 use crate::render_pass::PassKey;
@@ -11,10 +11,6 @@ use motes_shaders::modules;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-
-fn call<T>(result: Result<T, vk::Result>, call: &'static str) -> Result<T, GpuError> {
-    result.map_err(|result| GpuError::Call { call, result })
-}
 
 /// The splats' pipelines differ by who makes the corners.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -122,22 +118,19 @@ impl Passes {
         for (slot, bindings) in made.set_layouts.iter_mut().zip(&sets) {
             let info = vk::DescriptorSetLayoutCreateInfo::default().bindings(bindings);
             // SAFETY: `info` is complete.
-            *slot = call(
-                unsafe { device.create_descriptor_set_layout(&info, None) },
-                "vkCreateDescriptorSetLayout",
-            )?;
+            *slot = unsafe { device.create_descriptor_set_layout(&info, None) }
+                .during("vkCreateDescriptorSetLayout")?;
         }
         let push = [vk::PushConstantRange { stage_flags: stages, offset: 0, size: PUSH_BYTES }];
         let info = vk::PipelineLayoutCreateInfo::default()
             .set_layouts(&made.set_layouts)
             .push_constant_ranges(&push);
         // SAFETY: the set layouts were just made.
-        made.layout = call(unsafe { device.create_pipeline_layout(&info, None) }, "vkCreatePipelineLayout")?;
+        made.layout =
+            unsafe { device.create_pipeline_layout(&info, None) }.during("vkCreatePipelineLayout")?;
         // SAFETY: an empty cache.
-        made.cache = call(
-            unsafe { device.create_pipeline_cache(&vk::PipelineCacheCreateInfo::default(), None) },
-            "vkCreatePipelineCache",
-        )?;
+        made.cache = unsafe { device.create_pipeline_cache(&vk::PipelineCacheCreateInfo::default(), None) }
+            .during("vkCreatePipelineCache")?;
         Ok(made)
     }
 
@@ -149,7 +142,7 @@ impl Passes {
             let merged = self.gpu.device().merge_pipeline_caches(cache, &[self.cache]);
             self.gpu.device().destroy_pipeline_cache(self.cache, None);
             self.cache = cache;
-            call(merged, "vkMergePipelineCaches")?;
+            merged.during("vkMergePipelineCaches")?;
         }
         self.kept_in = Some(folder.to_owned());
         Ok(kept)

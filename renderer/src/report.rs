@@ -1,13 +1,9 @@
 //! What a frame took: device times of whole passes, counts, and what the device itself predicted.
 
-use crate::gpu::{Gpu, GpuError};
+use crate::gpu::{During, Gpu, GpuError};
 use ash::vk;
 use motes_shaders::layout::MAX_BATCHES;
 use std::sync::Arc;
-
-fn call<T>(result: Result<T, vk::Result>, call: &'static str) -> Result<T, GpuError> {
-    result.map_err(|result| GpuError::Call { call, result })
-}
 
 /// What one frame took.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -110,7 +106,7 @@ impl Queries {
                 .query_count(STAMPS * SPACING);
             // SAFETY: `info` is complete.
             queries.stamps =
-                call(unsafe { gpu.device().create_query_pool(&info, None) }, "vkCreateQueryPool")?;
+                unsafe { gpu.device().create_query_pool(&info, None) }.during("vkCreateQueryPool")?;
         }
         if gpu.capabilities.pipeline_statistics {
             let what = vk::QueryPipelineStatisticFlags::VERTEX_SHADER_INVOCATIONS
@@ -122,7 +118,7 @@ impl Queries {
                 .pipeline_statistics(what);
             // SAFETY: `info` is complete.
             queries.statistics =
-                call(unsafe { gpu.device().create_query_pool(&info, None) }, "vkCreateQueryPool")?;
+                unsafe { gpu.device().create_query_pool(&info, None) }.during("vkCreateQueryPool")?;
         }
         Ok(queries)
     }
@@ -194,7 +190,7 @@ impl Queries {
                 let flags = vk::QueryResultFlags::TYPE_64;
                 // SAFETY: all stamps were written by the frame, which is done.
                 let read = unsafe { device.get_query_pool_results(self.stamps, i * SPACING, tick, flags) };
-                call(read, "vkGetQueryPoolResults")?;
+                read.during("vkGetQueryPoolResults")?;
             }
             let period = f64::from(self.gpu.capabilities.timestamp_period);
             let ns = |a: usize, b: usize| ticks[b].saturating_sub(ticks[a]) as f64 * period;
@@ -208,7 +204,7 @@ impl Queries {
             let flags = vk::QueryResultFlags::TYPE_64;
             // SAFETY: as above, and as many queries were ended.
             let read = unsafe { device.get_query_pool_results(self.statistics, 0, counts, flags) };
-            call(read, "vkGetQueryPoolResults")?;
+            read.during("vkGetQueryPoolResults")?;
             for [vertices, primitives, fragments] in counts {
                 report.vertices += *vertices;
                 report.primitives += *primitives;

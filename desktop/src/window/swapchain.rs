@@ -3,15 +3,11 @@
 use std::sync::Arc;
 
 use ash::vk;
-use motes_renderer::gpu::{Gpu, GpuError};
+use motes_renderer::gpu::{During, Gpu, GpuError};
 use raw_window_handle::{RawDisplayHandle, RawWindowHandle};
 
 /// Frames that may be under way at once, as in the renderer.
 pub const FRAMES: usize = 2;
-
-fn call<T>(result: Result<T, vk::Result>, call: &'static str) -> Result<T, GpuError> {
-    result.map_err(|result| GpuError::Call { call, result })
-}
 
 /// A surface and its swapchain.
 pub struct Swapchain {
@@ -61,7 +57,7 @@ impl Swapchain {
         // SAFETY: the caller's window outlives the swapchain.
         let surface =
             unsafe { ash_window::create_surface(gpu.entry(), gpu.instance(), display, window, None) };
-        let surface = call(surface, "vkCreateSurfaceKHR")?;
+        let surface = surface.during("vkCreateSurfaceKHR")?;
         let mut swapchain = Self {
             gpu: gpu.clone(),
             surface_calls: ash::khr::surface::Instance::new(gpu.entry(), gpu.instance()),
@@ -88,7 +84,7 @@ impl Swapchain {
     fn semaphore(&self) -> Result<vk::Semaphore, GpuError> {
         // SAFETY: the structure is complete.
         let made = unsafe { self.gpu.device().create_semaphore(&vk::SemaphoreCreateInfo::default(), None) };
-        call(made, "vkCreateSemaphore")
+        made.during("vkCreateSemaphore")
     }
 
     fn choose_format(&mut self) -> Result<(), GpuError> {
@@ -104,13 +100,13 @@ impl Swapchain {
                 self.surface_calls.get_physical_device_surface_formats(physical, self.surface),
             )
         };
-        if !call(supported, "vkGetPhysicalDeviceSurfaceSupportKHR")? {
+        if !supported.during("vkGetPhysicalDeviceSurfaceSupportKHR")? {
             let name = &self.gpu.capabilities.device;
             return Err(GpuError::NoDevice(format!("{name} cannot show pictures in this window")));
         }
         // Values are written sRGB-encoded already, so the format must not encode them again.
         let plain = [vk::Format::B8G8R8A8_UNORM, vk::Format::R8G8B8A8_UNORM];
-        let formats = call(formats, "vkGetPhysicalDeviceSurfaceFormatsKHR")?;
+        let formats = formats.during("vkGetPhysicalDeviceSurfaceFormatsKHR")?;
         let found = formats.iter().find(|f| plain.contains(&f.format));
         self.format = *found.ok_or_else(|| {
             GpuError::NoDevice(format!("the window offers none of {plain:?}, only {formats:?}"))
@@ -132,8 +128,8 @@ impl Swapchain {
                 self.surface_calls.get_physical_device_surface_present_modes(physical, self.surface),
             )
         };
-        let capabilities = call(capabilities, "vkGetPhysicalDeviceSurfaceCapabilitiesKHR")?;
-        let modes = call(modes, "vkGetPhysicalDeviceSurfacePresentModesKHR")?;
+        let capabilities = capabilities.during("vkGetPhysicalDeviceSurfaceCapabilitiesKHR")?;
+        let modes = modes.during("vkGetPhysicalDeviceSurfacePresentModesKHR")?;
         let (low, high) = (capabilities.min_image_extent, capabilities.max_image_extent);
         let extent = if capabilities.current_extent.width == u32::MAX {
             vk::Extent2D {
@@ -177,11 +173,11 @@ impl Swapchain {
             .old_swapchain(old);
         // SAFETY: the old swapchain's images are not in use.
         unsafe {
-            let made = call(self.calls.create_swapchain(&info, None), "vkCreateSwapchainKHR");
+            let made = self.calls.create_swapchain(&info, None).during("vkCreateSwapchainKHR");
             self.calls.destroy_swapchain(old, None);
             self.raw = vk::SwapchainKHR::null();
             self.raw = made?;
-            self.images = call(self.calls.get_swapchain_images(self.raw), "vkGetSwapchainImagesKHR")?;
+            self.images = self.calls.get_swapchain_images(self.raw).during("vkGetSwapchainImagesKHR")?;
         }
         for &image in &self.images {
             let info = vk::ImageViewCreateInfo::default()
@@ -197,7 +193,7 @@ impl Swapchain {
                 });
             // SAFETY: the image is alive.
             let view = unsafe { self.gpu.device().create_image_view(&info, None) };
-            self.views.push(call(view, "vkCreateImageView")?);
+            self.views.push(view.during("vkCreateImageView")?);
             let semaphore = self.semaphore()?;
             self.drawn.push(semaphore);
         }

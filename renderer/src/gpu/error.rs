@@ -82,7 +82,11 @@ fn remedy(result: vk::Result) -> &'static str {
 }
 
 /// Names the call that failed.
-pub(crate) trait During<T> {
+pub trait During<T> {
+    /// What a Vulkan command of this name came to.
+    ///
+    /// # Errors
+    /// [`GpuError::Call`] of it.
     fn during(self, call: &'static str) -> Result<T, GpuError>;
 }
 

@@ -11,6 +11,5 @@ pub use barrier::Side;
 pub use capabilities::Capabilities;
 pub use device::{Bootstrap, Gpu, GpuOptions, Plain};
 pub use device_report::{DeviceReport, Finding};
-pub(crate) use error::During;
-pub use error::GpuError;
+pub use error::{During, GpuError};
 pub use memory::{Buffer, Image, ImageDescription};

@@ -1,7 +1,7 @@
 //! What the shaders read: descriptor sets of one frame.
 
-use super::{FRAME_DATA_STRIDE, Renderer, call};
-use crate::gpu::{Buffer, GpuError};
+use super::{FRAME_DATA_STRIDE, Renderer};
+use crate::gpu::{Buffer, During, GpuError};
 use crate::scene::SceneOnDevice;
 use ash::vk;
 use motes_shaders::layout::FrameData;
@@ -26,7 +26,7 @@ impl Renderer {
         // SAFETY: the pool was reset when the frame began and is large enough for a frame; one set is written.
         let result =
             unsafe { (device.fp_v1_0().allocate_descriptor_sets)(device.handle(), &info, &mut made) };
-        call(result.result(), "vkAllocateDescriptorSets")?;
+        result.result().during("vkAllocateDescriptorSets")?;
         Ok(made)
     }
 

@@ -8,9 +8,9 @@
 //! fragment a pixel and look, of which one walks over the steps, and 4 bytes a pixel that are written once and read once;
 //! and nothing at all where no depth is asked for.
 
-use super::{Renderer, call};
+use super::Renderer;
 use crate::config::{Expansion, Lens, RenderConfig};
-use crate::gpu::{Gpu, GpuError};
+use crate::gpu::{During, Gpu, GpuError};
 use crate::passes::{PUSH_BYTES, Passes};
 use crate::pipeline::{GraphicsPipeline, replaced};
 use crate::render_pass::PassKey;
@@ -78,7 +78,7 @@ impl Median {
         let info = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
         // SAFETY: `info` is complete.
         let set = unsafe { device.create_descriptor_set_layout(&info, None) };
-        let set = call(set, "vkCreateDescriptorSetLayout")?;
+        let set = set.during("vkCreateDescriptorSetLayout")?;
         let [frame, scene, work, _] = passes.set_layouts;
         let sets = [frame, scene, work, set];
         let stages = passes.push_stages();

@@ -16,7 +16,7 @@ mod upscale;
 pub use frame_data::midpoint;
 
 use crate::config::{Composite, Expansion, RenderConfig, Sorter};
-use crate::gpu::{Buffer, Gpu, GpuError, Image};
+use crate::gpu::{Buffer, During, Gpu, GpuError, Image};
 use crate::order::SplatOrder;
 use crate::order::device::DeviceSort;
 use crate::parts::Parts;
@@ -47,10 +47,6 @@ const FRAMES: usize = 2;
 
 /// Distance of two parts' data in the uniform buffer: no device demands more alignment than 256 bytes.
 const FRAME_DATA_STRIDE: u64 = (size_of::<FrameData>() as u64).next_multiple_of(256);
-
-fn call<T>(result: Result<T, vk::Result>, call: &'static str) -> Result<T, GpuError> {
-    result.map_err(|result| GpuError::Call { call, result })
-}
 
 /// An image to draw into: an array of as many layers as views, owned by the caller (offscreen image, swapchain).
 #[derive(Clone, Copy, Debug)]
@@ -241,7 +237,7 @@ impl Renderer {
         let info = vk::DescriptorPoolCreateInfo::default().max_sets(32).pool_sizes(&sizes);
         // SAFETY: `info` is complete.
         let descriptors =
-            call(unsafe { gpu.device().create_descriptor_pool(&info, None) }, "vkCreateDescriptorPool")?;
+            unsafe { gpu.device().create_descriptor_pool(&info, None) }.during("vkCreateDescriptorPool")?;
         let (pool, commands, fence) = crate::frame::command_pool(gpu)?;
         Ok(Slot {
             pool,
@@ -292,16 +288,14 @@ impl Renderer {
         // SAFETY: the slot's last frame is done.
         unsafe {
             let device = self.gpu.device();
-            call(
-                device.reset_descriptor_pool(slot.descriptors, vk::DescriptorPoolResetFlags::empty()),
-                "vkResetDescriptorPool",
-            )?;
+            device
+                .reset_descriptor_pool(slot.descriptors, vk::DescriptorPoolResetFlags::empty())
+                .during("vkResetDescriptorPool")?;
             // A frame that was refused half way is still being recorded.
-            call(
-                device.reset_command_buffer(slot.commands, vk::CommandBufferResetFlags::empty()),
-                "vkResetCommandBuffer",
-            )?;
-            call(device.begin_command_buffer(slot.commands, &begin), "vkBeginCommandBuffer")?;
+            device
+                .reset_command_buffer(slot.commands, vk::CommandBufferResetFlags::empty())
+                .during("vkResetCommandBuffer")?;
+            device.begin_command_buffer(slot.commands, &begin).during("vkBeginCommandBuffer")?;
         }
         slot.queries.reset(slot.commands);
         slot.queries.stamp(slot.commands, 0);
@@ -316,8 +310,8 @@ impl Renderer {
             let device = self.gpu.device();
             // SAFETY: the fence was submitted.
             unsafe {
-                call(device.wait_for_fences(&[slot.fence], true, u64::MAX), "vkWaitForFences")?;
-                call(device.reset_fences(&[slot.fence]), "vkResetFences")?;
+                device.wait_for_fences(&[slot.fence], true, u64::MAX).during("vkWaitForFences")?;
+                device.reset_fences(&[slot.fence]).during("vkResetFences")?;
             }
             slot.submitted = false;
             slot.queries.read(&mut slot.report)?;
@@ -351,9 +345,9 @@ impl Renderer {
             .signal_semaphores(signal);
         // SAFETY: the command buffer is recorded and not in flight.
         unsafe {
-            call(device.end_command_buffer(slot.commands), "vkEndCommandBuffer")?;
+            device.end_command_buffer(slot.commands).during("vkEndCommandBuffer")?;
             let queue = self.gpu.queue();
-            call(device.queue_submit(*queue, &[submit], slot.fence), "vkQueueSubmit")?;
+            device.queue_submit(*queue, &[submit], slot.fence).during("vkQueueSubmit")?;
         }
         slot.submitted = true;
         Ok(())

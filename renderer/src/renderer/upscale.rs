@@ -3,9 +3,9 @@
 
 use super::framebuffers::Framebuffers;
 use super::full_screen::{Bindings, FullScreenKey, FullScreenPass, FullScreenPasses};
-use super::{DrawRequest, Renderer, call};
+use super::{DrawRequest, Renderer};
 use crate::config::{RenderConfig, Sorter, Upscale};
-use crate::gpu::{Gpu, GpuError, Image, ImageDescription};
+use crate::gpu::{During, Gpu, GpuError, Image, ImageDescription};
 use crate::order::Positions;
 use crate::passes::PUSH_BYTES;
 use crate::resolution::{Resolution, Sampling};
@@ -148,7 +148,7 @@ impl Upscaler {
             .address_mode_v(vk::SamplerAddressMode::CLAMP_TO_EDGE)
             .address_mode_w(vk::SamplerAddressMode::CLAMP_TO_EDGE);
         // SAFETY: `info` is complete.
-        let sampler = call(unsafe { gpu.device().create_sampler(&info, None) }, "vkCreateSampler")?;
+        let sampler = unsafe { gpu.device().create_sampler(&info, None) }.during("vkCreateSampler")?;
         Ok(Self {
             gpu: gpu.clone(),
             sampler,

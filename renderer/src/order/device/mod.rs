@@ -7,7 +7,7 @@ pub use radix::SortShape;
 pub use standalone::KeySorter;
 
 use super::OrderRequest;
-use crate::gpu::{Buffer, Gpu, GpuError};
+use crate::gpu::{Buffer, During, Gpu, GpuError};
 use crate::parts::Parts;
 use crate::pipeline;
 use crate::scene::SceneOnDevice;
@@ -18,10 +18,6 @@ use motes_shaders::modules;
 use radix::{Push, RadixBuffers, RadixJob, RadixSort, VALUES_ARE_PLACES};
 use std::collections::HashMap;
 use std::sync::Arc;
-
-fn call<T>(result: Result<T, vk::Result>, call: &'static str) -> Result<T, GpuError> {
-    result.map_err(|result| GpuError::Call { call, result })
-}
 
 // As in `sort_keys.comp`.
 const KEY_DEPTH: u32 = 1;
@@ -192,7 +188,7 @@ fn storage_layout(gpu: &Gpu, bindings: u32) -> Result<vk::DescriptorSetLayout, G
     let info = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
     // SAFETY: `info` is complete.
     let made = unsafe { gpu.device().create_descriptor_set_layout(&info, None) };
-    call(made, "vkCreateDescriptorSetLayout")
+    made.during("vkCreateDescriptorSetLayout")
 }
 
 /// A pipeline layout with the sort's push constants.
@@ -201,7 +197,7 @@ fn compute_layout(gpu: &Gpu, sets: &[vk::DescriptorSetLayout]) -> Result<vk::Pip
     let push = [vk::PushConstantRange { stage_flags: vk::ShaderStageFlags::COMPUTE, offset: 0, size }];
     let info = vk::PipelineLayoutCreateInfo::default().set_layouts(sets).push_constant_ranges(&push);
     // SAFETY: the set layouts are alive.
-    call(unsafe { gpu.device().create_pipeline_layout(&info, None) }, "vkCreatePipelineLayout")
+    unsafe { gpu.device().create_pipeline_layout(&info, None) }.during("vkCreatePipelineLayout")
 }
 
 /// A compute pipeline with the constants `0 ..` and the shape's.
@@ -225,7 +221,7 @@ fn allocate(
     let layouts = [layout];
     let info = vk::DescriptorSetAllocateInfo::default().descriptor_pool(pool).set_layouts(&layouts);
     // SAFETY: pool and layout are alive.
-    Ok(call(unsafe { gpu.device().allocate_descriptor_sets(&info) }, "vkAllocateDescriptorSets")?[0])
+    Ok(unsafe { gpu.device().allocate_descriptor_sets(&info) }.during("vkAllocateDescriptorSets")?[0])
 }
 
 /// Binds whole buffers at `0 ..`.
@@ -272,7 +268,7 @@ impl DescriptorPool {
         let info = vk::DescriptorPoolCreateInfo::default().max_sets(sets).pool_sizes(&sizes);
         // SAFETY: `info` is complete.
         let raw =
-            call(unsafe { gpu.device().create_descriptor_pool(&info, None) }, "vkCreateDescriptorPool")?;
+            unsafe { gpu.device().create_descriptor_pool(&info, None) }.during("vkCreateDescriptorPool")?;
         Ok(Self { gpu: gpu.clone(), raw })
     }
 
