@@ -4,7 +4,7 @@
 //! driver never sees it. Drivers are known to trust what they are given, therefore the file carries a checksum of its own:
 //! one that is cut or changed is announced, and replaced when the renderer goes.
 
-use crate::gpu::{Gpu, GpuError};
+use crate::gpu::{During, Gpu, GpuError};
 use ash::vk;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -102,8 +102,7 @@ pub(crate) fn load(gpu: &Gpu, folder: &Path) -> Result<(vk::PipelineCache, Kept)
     };
     let info = vk::PipelineCacheCreateInfo::default().initial_data(&data);
     // SAFETY: the data is what this driver wrote, by its checksum and its name.
-    let cache = unsafe { gpu.device().create_pipeline_cache(&info, None) }
-        .map_err(|result| GpuError::Call { call: "vkCreatePipelineCache", result })?;
+    let cache = unsafe { gpu.device().create_pipeline_cache(&info, None) }.during("vkCreatePipelineCache")?;
     Ok((cache, kept))
 }
 
