@@ -36,7 +36,17 @@ pub struct Case {
     /// Its unit.
     pub unit: &'static str,
     /// Draws and measures.
-    pub measure: fn(&mut Rig) -> Found,
+    pub measure: Measure,
+}
+
+/// A measurement.
+pub type Measure = fn(&mut Rig) -> Found;
+
+/// Writes rows of a part of the list: name, what breaks viewers, what must hold, bound, its unit, measurement.
+pub(super) fn rows(
+    group: &'static str,
+) -> impl Fn(&'static str, &'static str, &'static str, f64, &'static str, Measure) -> Case {
+    move |name, row, property, bound, unit, measure| Case { group, name, row, property, bound, unit, measure }
 }
 
 /// Distance from the reference: steps of an 8-bit image, worst pixel.

@@ -7,20 +7,12 @@ use motes_renderer::{
 use motes_scenes::synthetic::Recipe;
 use motes_scenes::{SH_C0, sh_coefficients};
 
-use super::cases::{Case, Found, STEPS};
+use super::cases::{Case, Found, STEPS, rows};
 use super::rig::{FloatPicture, PLAIN, Rig, apart, deviation, every_layer, truth};
 use super::scene::{Gaussian, ahead, eyes, moved, scene};
 
 pub(super) fn cases() -> Vec<Case> {
-    let case = |name, row, property, bound, unit, measure| Case {
-        group: "colour",
-        name,
-        row,
-        property,
-        bound,
-        unit,
-        measure,
-    };
+    let case = rows("colour");
     vec![
         case(
             "negative_harmonics_are_black",
@@ -28,7 +20,7 @@ pub(super) fn cases() -> Vec<Case> {
             "all channels at least 0 before anything else; the reference's picture",
             1.5,
             STEPS,
-            negative as fn(&mut Rig) -> Found,
+            negative,
         ),
         case(
             "colours_beyond_half_floats",

@@ -4,20 +4,12 @@ use glam::{DVec3, Quat, Vec3};
 use motes_renderer::{Axis, LowPass, Projection, RenderConfig, View};
 use motes_scenes::{DropReason, LoadOptions, Splats, sanitise};
 
-use super::cases::{Case, Found, PIXELS, STEPS};
+use super::cases::{Case, Found, PIXELS, STEPS, rows};
 use super::rig::{Deviation, FloatPicture, PLAIN, Rig, deviation, every_layer, truth};
 use super::scene::{Gaussian, ahead, eyes, moved, scene};
 
 pub(super) fn cases() -> Vec<Case> {
-    let case = |name, row, property, bound, unit, measure| Case {
-        group: "input",
-        name,
-        row,
-        property,
-        bound,
-        unit,
-        measure,
-    };
+    let case = rows("input");
     vec![
         case(
             "poison_never_reaches_the_device",
@@ -25,7 +17,7 @@ pub(super) fn cases() -> Vec<Case> {
             "every poisoned splat is dropped and counted; the picture is that of the others, bit for bit",
             0.0,
             PIXELS,
-            poison as fn(&mut Rig) -> Found,
+            poison,
         ),
         case(
             "quaternions_of_any_length",

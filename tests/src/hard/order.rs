@@ -4,21 +4,13 @@ use glam::DVec3;
 use motes_renderer::{Expansion, KeyBits, OrderKey, Projection, RenderConfig, View};
 use motes_scenes::Splats;
 
-use super::cases::{Case, Found, PIXELS, STEPS};
+use super::cases::{Case, Found, PIXELS, STEPS, rows};
 use super::colour::between;
 use super::rig::{FloatPicture, PLAIN, Rig, every_layer};
 use super::scene::{Gaussian, ahead, eyes, scene};
 
 pub(super) fn cases() -> Vec<Case> {
-    let case = |name, row, property, bound, unit, measure| Case {
-        group: "order",
-        name,
-        row,
-        property,
-        bound,
-        unit,
-        measure,
-    };
+    let case = rows("order");
     vec![
         case(
             "a_far_splat_starves_no_key",
@@ -26,7 +18,7 @@ pub(super) fn cases() -> Vec<Case> {
             "neighbours 1 % apart keep their order beside a splat at 10⁶ m, with 16 bits too",
             0.0,
             "swapped pairs",
-            starved as fn(&mut Rig) -> Found,
+            starved,
         ),
         case(
             "equal_keys_keep_the_scenes_order",

@@ -3,20 +3,12 @@
 use glam::{Quat, Vec3};
 use motes_renderer::{Expansion, LowPass, Projection, RenderConfig, Stereo};
 
-use super::cases::{Case, Found, STEPS};
+use super::cases::{Case, Found, STEPS, rows};
 use super::rig::{PLAIN, Rig, deviation, every_layer, truth};
 use super::scene::{Gaussian, ahead, eyes, scene};
 
 pub(super) fn cases() -> Vec<Case> {
-    let case = |name, row, property, bound, unit, measure| Case {
-        group: "view",
-        name,
-        row,
-        property,
-        bound,
-        unit,
-        measure,
-    };
+    let case = rows("view");
     vec![
         case(
             "around_and_behind_the_eye",
@@ -24,7 +16,7 @@ pub(super) fn cases() -> Vec<Case> {
             "the reference's picture, mono and stereo; nothing wraps",
             1.5,
             STEPS,
-            around as fn(&mut Rig) -> Found,
+            around,
         ),
         case(
             "near_plane_fades",
