@@ -61,26 +61,17 @@ impl Packing {
             let opacity = splats.opacities[i];
             let dc = splats.sh_of(i)[0];
             let base = dc.map(|c| 0.5 + SH_C0 * c);
+            // Each value by itself; the two zeros fill the words of half floats, and are beyond those of whole ones.
+            let floats = || {
+                let [x, y, z] = mean;
+                let [a, b, c, d] = rotation;
+                let [i, j, k] = log_scale.map(f32::exp);
+                let [red, green, blue] = base;
+                [x, y, z, opacity, a, b, c, d, i, j, k, red, green, blue, 0.0, 0.0]
+            };
             match self.precision {
                 Precision::F32 => {
-                    let scale = log_scale.map(f32::exp);
-                    let values = [
-                        mean[0],
-                        mean[1],
-                        mean[2],
-                        opacity,
-                        rotation[0],
-                        rotation[1],
-                        rotation[2],
-                        rotation[3],
-                        scale[0],
-                        scale[1],
-                        scale[2],
-                        base[0],
-                        base[1],
-                        base[2],
-                    ];
-                    for (o, v) in out.iter_mut().zip(values) {
+                    for (o, v) in out.iter_mut().zip(floats()) {
                         *o = v.to_bits();
                     }
                 }
@@ -97,26 +88,7 @@ impl Packing {
                     out[7] = half_bits(base[1]) | half_bits(base[2]) << 16;
                 }
                 Precision::F16Naive => {
-                    let scale = log_scale.map(f32::exp);
-                    let values = [
-                        mean[0],
-                        mean[1],
-                        mean[2],
-                        opacity,
-                        rotation[0],
-                        rotation[1],
-                        rotation[2],
-                        rotation[3],
-                        scale[0],
-                        scale[1],
-                        scale[2],
-                        base[0],
-                        base[1],
-                        base[2],
-                        0.0,
-                        0.0,
-                    ];
-                    for (o, v) in out.iter_mut().zip(values.chunks_exact(2)) {
+                    for (o, v) in out.iter_mut().zip(floats().chunks_exact(2)) {
                         *o = half_bits(v[0]) | half_bits(v[1]) << 16;
                     }
                 }
