@@ -41,6 +41,9 @@ pub fn over_pictures(file: &Path, figure: &str, lines: &[Line]) -> Result<bool, 
     let Some(heights) = finite(lines.iter().flat_map(|l| l.values.iter().flatten().copied())) else {
         return Ok(false);
     };
+    // Names stand beside the lines, where no point can be.
+    let last = pictures as f64;
+    let legend = if lines.len() > 1 { 0.18 * last } else { 0.0 };
     let root = SVGBackend::new(file, SIZE).into_drawing_area();
     let paint = || -> Result<(), DrawingAreaErrorKind<std::io::Error>> {
         root.fill(&WHITE)?;
@@ -49,8 +52,11 @@ pub fn over_pictures(file: &Path, figure: &str, lines: &[Line]) -> Result<bool, 
             .margin(10)
             .x_label_area_size(36)
             .y_label_area_size(56)
-            .build_cartesian_2d(0.5..pictures as f64 + 0.5, heights)?;
-        chart.configure_mesh().x_desc("picture, by name").y_desc(figure).light_line_style(WHITE).draw()?;
+            .build_cartesian_2d(0.5..last + legend + 0.5, heights)?;
+        let number = |x: &f64| if x.fract() == 0.0 && *x <= last { format!("{x:.0}") } else { String::new() };
+        let mut mesh = chart.configure_mesh();
+        mesh.x_desc("picture, by name").x_label_formatter(&number).y_desc(figure);
+        mesh.light_line_style(WHITE).draw()?;
         for (k, line) in lines.iter().enumerate() {
             // The whole is black; classes along a colour map.
             let share = k.saturating_sub(1) as f64 / (lines.len().max(3) - 2) as f64;
@@ -66,7 +72,12 @@ pub fn over_pictures(file: &Path, figure: &str, lines: &[Line]) -> Result<bool, 
             chart.draw_series(points.iter().map(|&at| Circle::new(at, 2, colour.filled())))?;
         }
         if lines.len() > 1 {
-            chart.configure_series_labels().background_style(WHITE.mix(0.8)).border_style(BLACK).draw()?;
+            let mut names = chart.configure_series_labels();
+            names
+                .position(SeriesLabelPosition::UpperRight)
+                .background_style(WHITE)
+                .border_style(BLACK)
+                .draw()?;
         }
         root.present()
     };
