@@ -55,15 +55,12 @@ pub struct OptimizeArgs {
     /// Rounds of ranking, pruning and fitting
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=100))]
     pub rounds: u32,
-    /// Steps that fit colours, opacities and sizes at the end (one after each other round; 0: none at all)
+    /// Steps that fit colours and opacities at the end (one after each other round; 0: none at all)
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(0..=1000))]
     pub steps: u32,
     /// Passes over all layers in each step
     #[arg(long, value_name = "N", default_value_t = 6, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub passes: u32,
-    /// Do not let splats grow or shrink
-    #[arg(long)]
-    pub keep_sizes: bool,
     /// Write pictures of up to four views here: original, ours, opacity cut, and their errors
     #[arg(long, value_name = "FOLDER")]
     pub pictures: Option<PathBuf>,
@@ -218,7 +215,7 @@ pub fn optimise(original: &Splats, look: &[View], args: &OptimizeArgs) -> Result
         rank: args.by.rank(),
         merge: (!args.no_merge).then(Alike::default),
         rounds: args.rounds as usize,
-        effort: Effort { steps: args.steps as usize, passes: args.passes as usize, sizes: !args.keep_sizes },
+        effort: Effort { steps: args.steps as usize, passes: args.passes as usize },
     };
     let run = |recording: Recording, goals: &[Goal], keep: usize| {
         let mut smaller = splats.clone();

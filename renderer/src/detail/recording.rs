@@ -1,11 +1,9 @@
-//! The layers of many pictures, kept, so that opacities, colours and sizes can be changed without looking again.
+//! The layers of many pictures, kept, so that opacities and colours can be changed without looking again.
 //!
 //! How a splat falls off over a picture's pixels depends neither on its colour nor on its opacity. What tracing finds once, the
-//! splats of each pixel in order and each one's *fall* there (minus the logarithm of its alpha for an opacity of 1), is
-//! therefore enough to make the picture again with others: for 100 layers in a few nanoseconds each instead of some hundred.
-//! Where a splat grows by a factor `s` on all its axes, its falls shrink as `(v + f) / (v s² + f)`, `v` its variance in
-//! pixels and `f` the low-pass filter's, taken as if it were round. What is left out: a splat whose opacity or size grows
-//! reaches pixels that were not recorded. Record again where that matters.
+//! splats of each pixel in order and each one's *response* there (its alpha for an opacity of 1), is therefore enough to make
+//! the picture again with others: for 100 layers in a nanosecond or two each instead of some hundred. What is left out: a
+//! splat whose opacity grows reaches pixels that were not recorded. Record again where that matters.
 //!
 //! Memory: 8 bytes a layer.
 
@@ -15,9 +13,8 @@ use rayon::prelude::*;
 use std::sync::Mutex;
 
 use super::Importance;
-use crate::LowPass;
 use crate::View;
-use crate::projection::{LOW_PASS_VARIANCE, MAX_ALPHA, MIN_ALPHA};
+use crate::projection::{MAX_ALPHA, MIN_ALPHA};
 use crate::reference::{self, ReferenceError, ReferenceOptions};
 use crate::spherical_harmonics::sh_basis_f32;
 
@@ -26,17 +23,7 @@ use crate::spherical_harmonics::sh_basis_f32;
 struct Response {
     /// Place in the picture's list of splats.
     at: u32,
-    /// `-ln(alpha / opacity)`, 0 or more.
-    fall: f32,
-}
-
-/// The size of a splat in a picture.
-#[derive(Clone, Copy)]
-struct Size {
-    /// Mean logarithm of its standard deviations.
-    log: f32,
-    /// Its share of its image's variance, `0 ..= 1`; the low-pass filter has the rest.
-    share: f32,
+    response: f32,
 }
 
 /// One recorded picture.
@@ -46,8 +33,6 @@ pub(super) struct Recorded {
     eye: DVec3,
     /// The splats that it shows, rising.
     splats: Vec<u32>,
-    /// How large each of them was when this was recorded.
-    sizes: Vec<Size>,
     /// For each pixel, by rows, where its layers end.
     ends: Vec<usize>,
     layers: Vec<Response>,
@@ -72,12 +57,10 @@ pub(super) struct Lit {
     alpha: f32,
     /// `T α (c − B)`: what the pixel would lose without it, and the derivative by the logarithm of its opacity.
     pub change: Vec3,
-    /// Times `change`: the derivative by the logarithm of its size.
-    pub growth: f32,
 }
 
 impl Lit {
-    /// Whether a change of opacity or size shows: beyond the largest alpha it does not.
+    /// Whether a change of opacity shows: beyond the largest alpha it does not.
     pub fn free(&self) -> bool {
         self.alpha < MAX_ALPHA as f32
     }
@@ -123,16 +106,15 @@ impl Recording {
             })
             .collect();
         for view in &mut self.views {
-            let (mut stayed, mut sizes) = (Vec::new(), Vec::new());
-            let here: Vec<Option<u32>> = (view.splats.iter().zip(&view.sizes))
-                .map(|(&splat, &size)| {
+            let mut stayed = Vec::new();
+            let here: Vec<Option<u32>> = (view.splats.iter())
+                .map(|&splat| {
                     let splat = places[splat as usize]?;
                     stayed.push(splat);
-                    sizes.push(size);
                     Some(stayed.len() as u32 - 1)
                 })
                 .collect();
-            (view.splats, view.sizes) = (stayed, sizes);
+            view.splats = stayed;
             let (mut from, mut to) = (0, 0);
             for end in &mut view.ends {
                 for k in from..*end {
@@ -233,16 +215,13 @@ impl Recording {
         mut each: impl FnMut(usize, Vec3, &[Lit]),
     ) {
         let opacities: Vec<f32> = view.splats.iter().map(|&i| splats.opacities[i as usize]).collect();
-        let falls = view.falls(splats);
         let mut layers: Vec<Lit> = Vec::new();
         let mut from = 0;
         for (pixel, &end) in view.ends.iter().enumerate() {
             layers.clear();
             let mut light = 1.0;
-            for &Response { at, fall } in &view.layers[from..end] {
-                let at = at as usize;
-                let [shrink, derivative] = falls[at];
-                let alpha = (opacities[at] * (-fall * shrink).exp()).min(MAX_ALPHA as f32);
+            for &Response { at, response } in &view.layers[from..end] {
+                let alpha = (response * opacities[at as usize]).min(MAX_ALPHA as f32);
                 let after = light * (1.0 - alpha);
                 if alpha < MIN_ALPHA as f32 {
                     continue;
@@ -250,8 +229,7 @@ impl Recording {
                 if after < self.stop_below {
                     break;
                 }
-                let growth = fall * derivative;
-                layers.push(Lit { at, weight: light * alpha, alpha, change: Vec3::ZERO, growth });
+                layers.push(Lit { at: at as usize, weight: light * alpha, alpha, change: Vec3::ZERO });
                 light = after;
             }
             let mut behind = self.background;
@@ -277,17 +255,6 @@ impl Recorded {
         &self.splats
     }
 
-    /// What the falls of each of its splats are multiplied with at their present size, and what the derivative of minus the
-    /// falls by the logarithm of that size is, over the recorded fall.
-    fn falls(&self, splats: &Splats) -> Vec<[f32; 2]> {
-        let of = |(&i, size): (&u32, &Size)| {
-            let grown = (2.0 * (log_size(splats, i as usize) - size.log)).exp();
-            let shrink = 1.0 / (1.0 + size.share * (grown - 1.0));
-            [shrink, 2.0 * shrink * shrink * size.share * grown]
-        };
-        self.splats.iter().zip(&self.sizes).map(of).collect()
-    }
-
     /// The basis functions of the direction from the eye to a splat; its colour is `max(0, ½ + Σ sh[k] · Y_k)`.
     pub fn basis(&self, splats: &Splats, i: usize) -> [f32; 16] {
         let from_eye = Vec3::from(splats.means[i]).as_dvec3() - self.eye;
@@ -307,11 +274,6 @@ impl Recorded {
     }
 }
 
-/// Mean logarithm of a splat's standard deviations.
-fn log_size(splats: &Splats, i: usize) -> f32 {
-    splats.log_scales[i].iter().sum::<f32>() / 3.0
-}
-
 fn record(splats: &Splats, view: &View, options: &ReferenceOptions) -> Result<Recorded, ReferenceError> {
     // A row is visited by one thread, from left to right: no lock is ever waited for.
     let rows: Vec<Mutex<(Vec<usize>, Vec<Response>)>> = (0..view.size[1]).map(|_| Mutex::default()).collect();
@@ -322,7 +284,7 @@ fn record(splats: &Splats, view: &View, options: &ReferenceOptions) -> Result<Re
         };
         let of = |layer: &reference::Layer| {
             let opacity = f64::from(splats.opacities[layer.splat as usize]);
-            Response { at: layer.splat, fall: (opacity / layer.alpha).ln().max(0.0) as f32 }
+            Response { at: layer.splat, response: (layer.alpha / opacity) as f32 }
         };
         row.1.extend(layers.iter().map(of));
         let end = row.1.len();
@@ -333,7 +295,6 @@ fn record(splats: &Splats, view: &View, options: &ReferenceOptions) -> Result<Re
         ends: Vec::with_capacity(view.size[0] as usize * view.size[1] as usize),
         layers: Vec::new(),
         splats: Vec::new(),
-        sizes: Vec::new(),
     };
     for row in rows {
         let (ends, layers) = row.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
@@ -345,17 +306,6 @@ fn record(splats: &Splats, view: &View, options: &ReferenceOptions) -> Result<Re
     let mut seen = vec![false; splats.len()];
     recorded.layers.iter().for_each(|layer| seen[layer.at as usize] = true);
     recorded.splats = (0..splats.len() as u32).filter(|&i| seen[i as usize]).collect();
-    let [fx, fy] = view.focal();
-    let filter = if options.low_pass == LowPass::Off { 1e-9 } else { LOW_PASS_VARIANCE };
-    let size = |&i: &u32| {
-        let i = i as usize;
-        let distance = Vec3::from(splats.means[i]).as_dvec3().distance(recorded.eye);
-        let [a, b, c] = splats.log_scales[i].map(f64::from);
-        // Of the two longest axes.
-        let area = (a + b + c - a.min(b).min(c)).exp() * fx * fy / (distance * distance);
-        Size { log: log_size(splats, i), share: (1.0 - filter / (area + filter)) as f32 }
-    };
-    recorded.sizes = recorded.splats.iter().map(size).collect();
     let mut places = vec![0; splats.len()];
     recorded.splats.iter().zip(0..).for_each(|(&i, at)| places[i as usize] = at);
     recorded.layers.iter_mut().for_each(|layer| layer.at = places[layer.at as usize]);

@@ -1,13 +1,11 @@
-//! Colours, opacities and sizes that bring a thinned scene's pictures back to those of the whole scene.
+//! Colours and opacities that bring a thinned scene's pictures back to those of the whole scene.
 //!
 //! A pixel is linear in the spherical-harmonics coefficients of its layers, `C = Σ w c(d)` with `w = T α`, and to first order
-//! in the logarithms of their opacities, with derivatives `T α (c − B)`, `B` the colour behind, and of their sizes, with as
-//! much times `∂ ln α / ∂ ln s` (the squared distance from the splat's middle, in standard deviations). So the sum of squares over all
+//! in the logarithms of their opacities, with derivatives `T α (c − B)`, `B` the colour behind. So the sum of squares over all
 //! pixels of all views is brought down by Gauss–Newton steps. Each solves `(AᵀA + D) δ = Aᵀr` by conjugate gradients with
 //! `AᵀA`'s diagonal as preconditioner (Nocedal and Wright 2006, algorithms 5.3 and 10.2); the product `AᵀA p` is one pass over
 //! the recorded layers ([`Recording`]), the matrix is never there. `D` holds back what hardly shows, and bands that few
-//! directions tell apart. A step that makes the sum larger is shortened until it does not. A splat grows on all its axes alike: shapes and places
-//! stay.
+//! directions tell apart. A step that makes the sum larger is shortened until it does not. Shapes and places stay.
 
 use glam::Vec3;
 use motes_scenes::{Splats, sh_coefficients};
@@ -24,8 +22,6 @@ const DAMPING: f32 = 1e-3;
 const FLOOR: f32 = 1e-2;
 /// Largest change of an opacity's logarithm in one step, where the first order does not reach.
 const LARGEST_STEP: f32 = 0.5;
-/// The same of a size.
-const LARGEST_GROWTH: f32 = 0.15;
 /// Opacities stay between the least that shows and what a pixel takes from one splat.
 const OPACITIES: [f32; 2] = [1.0 / 255.0, 0.99];
 /// A step is halved so often before it is given up.
@@ -64,11 +60,9 @@ pub struct Effort {
     pub steps: usize,
     /// Conjugate gradients in each: passes over all layers.
     pub passes: usize,
-    /// Whether sizes are fitted too.
-    pub sizes: bool,
 }
 
-/// Fits colours, opacities and, where the effort says so, sizes to goals, whose views the recording was made from, in their order. Returns the mean square
+/// Fits colours and opacities to goals, whose views the recording was made from, in their order. Returns the mean square
 /// residual, over pixels and channels, before and after.
 ///
 /// # Errors
@@ -79,7 +73,7 @@ pub fn refit(
     goals: &[Goal],
     effort: Effort,
 ) -> Result<[f64; 2], ReferenceError> {
-    let fit = Fit::new(recording, goals, splats, effort.sizes)?;
+    let fit = Fit::new(recording, goals, splats)?;
     let pixels: usize = goals.iter().map(|g| g.pixels.len()).sum();
     let mean = |squares: f64| squares / (3 * pixels.max(1)) as f64;
     let first = fit.squares(splats);
@@ -87,7 +81,7 @@ pub fn refit(
     for _ in 0..effort.steps {
         let (gradient, diagonal) = fit.linearised(splats);
         let step = fit.solved(splats, gradient, &diagonal, effort.passes);
-        let before = (splats.sh.clone(), splats.opacities.clone(), splats.log_scales.clone());
+        let before = (splats.sh.clone(), splats.opacities.clone());
         let mut share = 1.0;
         for _ in 0..HALVINGS {
             fit.apply(splats, &step, share);
@@ -99,7 +93,6 @@ pub fn refit(
             }
             splats.sh.clone_from(&before.0);
             splats.opacities.clone_from(&before.1);
-            splats.log_scales.clone_from(&before.2);
             share *= 0.5;
         }
         if share != 0.0 {
@@ -109,23 +102,16 @@ pub fn refit(
     Ok([mean(first), mean(last)])
 }
 
-/// The least-squares problem. A vector holds for each splat its coefficients, three channels each, and the logarithms
-/// of its opacity and, where sizes are fitted, its size.
+/// The least-squares problem. A vector holds for each splat its coefficients, three channels each, and its opacity's logarithm.
 struct Fit<'a> {
     recording: &'a Recording,
     goals: &'a [Goal],
     coefficients: usize,
-    sizes: bool,
     length: usize,
 }
 
 impl<'a> Fit<'a> {
-    fn new(
-        recording: &'a Recording,
-        goals: &'a [Goal],
-        splats: &Splats,
-        sizes: bool,
-    ) -> Result<Self, ReferenceError> {
+    fn new(recording: &'a Recording, goals: &'a [Goal], splats: &Splats) -> Result<Self, ReferenceError> {
         let views = recording.views();
         if views.len() != goals.len() || views.iter().zip(goals).any(|(v, g)| v.pixels() != g.pixels.len()) {
             let what =
@@ -133,18 +119,11 @@ impl<'a> Fit<'a> {
             return Err(ReferenceError::View { what });
         }
         let coefficients = sh_coefficients(recording.degree());
-        let mut fit = Self { recording, goals, coefficients, sizes, length: 0 };
-        fit.length = splats.len() * fit.stride();
-        Ok(fit)
+        Ok(Self { recording, goals, coefficients, length: splats.len() * (3 * coefficients + 1) })
     }
 
     fn stride(&self) -> usize {
-        self.opacity() + 1 + usize::from(self.sizes)
-    }
-
-    /// Where a splat's opacity stands; its size comes after it.
-    fn opacity(&self) -> usize {
-        3 * self.coefficients
+        3 * self.coefficients + 1
     }
 
     /// Sums over the views of what `work` adds to a vector of some length.
@@ -185,7 +164,7 @@ impl<'a> Fit<'a> {
 
     /// `Aᵀr` and the diagonal of `AᵀA`.
     fn linearised(&self, splats: &Splats) -> (Vec<f32>, Vec<f32>) {
-        let (stride, opacity) = (self.stride(), self.opacity());
+        let (stride, opacity) = (self.stride(), self.stride() - 1);
         let work = |view: &Recorded, goal: &Goal, sum: &mut [f32]| {
             let colours = view.colours(splats, self.recording.degree());
             let mut found = vec![Found::default(); colours.len()];
@@ -198,8 +177,6 @@ impl<'a> Fit<'a> {
                     if layer.free() {
                         found.opacity += layer.change.dot(residual);
                         found.opacity_square += layer.change.length_squared();
-                        found.size += layer.growth * layer.change.dot(residual);
-                        found.size_square += layer.growth * layer.growth * layer.change.length_squared();
                     }
                 }
             });
@@ -216,10 +193,6 @@ impl<'a> Fit<'a> {
                 }
                 gradient[at + opacity] += found.opacity;
                 diagonal[at + opacity] += found.opacity_square;
-                if self.sizes {
-                    gradient[at + opacity + 1] += found.size;
-                    diagonal[at + opacity + 1] += found.size_square;
-                }
             }
             0.0
         };
@@ -230,24 +203,24 @@ impl<'a> Fit<'a> {
 
     /// `AᵀA p`.
     fn product(&self, splats: &Splats, p: &[f32]) -> Vec<f32> {
-        let (stride, opacity) = (self.stride(), self.opacity());
+        let (stride, opacity) = (self.stride(), self.stride() - 1);
         let work = |view: &Recorded, _: &Goal, sum: &mut [f32]| {
             let colours = view.colours(splats, self.recording.degree());
-            // What `p` changes about each splat's colour from here, its opacity, and its size.
+            // What `p` changes about each splat's colour from here, and its opacity.
             let change_of = |(&i, colour): (&u32, &Vec3)| {
                 let basis = view.basis(splats, i as usize);
                 let p = &p[i as usize * stride..][..stride];
                 let coefficients = p[..opacity].chunks_exact(3).zip(basis);
                 let sum = coefficients.fold(Vec3::ZERO, |sum, (p, y)| sum + Vec3::from_slice(p) * y);
-                (sum * shown(*colour), p[opacity], if self.sizes { p[opacity + 1] } else { 0.0 })
+                (sum * shown(*colour), p[opacity])
             };
-            let changes: Vec<(Vec3, f32, f32)> = view.splats().iter().zip(&colours).map(change_of).collect();
+            let changes: Vec<(Vec3, f32)> = view.splats().iter().zip(&colours).map(change_of).collect();
             let mut found = vec![Found::default(); colours.len()];
             self.recording.each_pixel(view, splats, &colours, |_, _, layers| {
                 let of = |layer: &Lit| {
-                    let (colour, opacity, size) = changes[layer.at];
-                    let alpha = if layer.free() { opacity + layer.growth * size } else { 0.0 };
-                    colour * layer.weight + layer.change * alpha
+                    let (colour, opacity) = changes[layer.at];
+                    let opacity = if layer.free() { opacity } else { 0.0 };
+                    colour * layer.weight + layer.change * opacity
                 };
                 let pixel: Vec3 = layers.iter().map(of).sum();
                 for layer in layers {
@@ -255,7 +228,6 @@ impl<'a> Fit<'a> {
                     found.along += pixel * layer.weight;
                     if layer.free() {
                         found.opacity += layer.change.dot(pixel);
-                        found.size += layer.growth * layer.change.dot(pixel);
                     }
                 }
             });
@@ -269,9 +241,6 @@ impl<'a> Fit<'a> {
                     }
                 }
                 sum[opacity] += found.opacity;
-                if self.sizes {
-                    sum[opacity + 1] += found.size;
-                }
             }
             0.0
         };
@@ -282,7 +251,7 @@ impl<'a> Fit<'a> {
     fn damping(&self, diagonal: &[f32]) -> Vec<f32> {
         let stride = self.stride();
         let floor = |at: usize| match at % stride {
-            k if k >= self.opacity() => FLOOR,
+            k if k == stride - 1 => FLOOR,
             k => FLOOR * [1.0, 3.0, 5.0, 7.0][((k / 3) as f32).sqrt() as usize],
         };
         diagonal.iter().enumerate().map(|(at, d)| d * DAMPING + floor(at)).collect()
@@ -324,7 +293,7 @@ impl<'a> Fit<'a> {
     fn apply(&self, splats: &mut Splats, step: &[f32], share: f32) {
         let stored = sh_coefficients(splats.sh_degree);
         for (i, step) in step.chunks_exact(self.stride()).enumerate() {
-            let (colours, others) = step.split_at(self.opacity());
+            let (colours, opacity) = step.split_at(self.stride() - 1);
             for (k, add) in colours.chunks_exact(3).enumerate() {
                 let sum = &mut splats.sh[i * stored + k];
                 *sum = std::array::from_fn(|c| sum[c] + add[c] * share);
@@ -332,12 +301,8 @@ impl<'a> Fit<'a> {
             let before = splats.opacities[i];
             // A splat outside of the bounds keeps its own opacity as its bound.
             let [low, high] = [OPACITIES[0].min(before), OPACITIES[1].max(before)];
-            let change = (others[0] * share).clamp(-LARGEST_STEP, LARGEST_STEP).exp();
+            let change = (opacity[0] * share).clamp(-LARGEST_STEP, LARGEST_STEP).exp();
             splats.opacities[i] = (before * change).clamp(low, high);
-            if let Some(size) = others.get(1) {
-                let growth = (size * share).clamp(-LARGEST_GROWTH, LARGEST_GROWTH);
-                splats.log_scales[i] = splats.log_scales[i].map(|log| log + growth);
-            }
         }
     }
 }
@@ -349,8 +314,6 @@ struct Found {
     square: f32,
     opacity: f32,
     opacity_square: f32,
-    size: f32,
-    size_square: f32,
 }
 
 /// Which channels of a colour follow its coefficients: a negative sum is black, whatever is added.
@@ -406,7 +369,7 @@ mod tests {
         let mut wrong = truth.clone();
         wrong.sh[0][0] -= 0.5;
         wrong.sh[2][1] += 0.4;
-        let [before, after] = fitted(&mut wrong, &goals, Effort { steps: 2, passes: 6, sizes: false });
+        let [before, after] = fitted(&mut wrong, &goals, Effort { steps: 2, passes: 6 });
         // What is left is what the damping holds back in two steps.
         assert!(after < 1e-3 * before, "{before} {after}");
         // Colours and opacities are fitted together: from one side, a little of one stands for a little of the other.
@@ -414,28 +377,9 @@ mod tests {
 
         let mut wrong = truth.clone();
         wrong.opacities = vec![0.5, 0.8, 0.85];
-        let [before, after] = fitted(&mut wrong, &goals, Effort { steps: 8, passes: 6, sizes: false });
+        let [before, after] = fitted(&mut wrong, &goals, Effort { steps: 8, passes: 6 });
         assert!(after < 0.01 * before, "{before} {after}");
         assert!((wrong.opacities[0] - 0.6).abs() < 0.03, "{:?}", wrong.opacities);
-    }
-
-    #[test]
-    fn sizes_come_back() {
-        let options = ReferenceOptions::default();
-        let truth = scene();
-        let goals = [Goal::of(&truth, &ahead(), &options).unwrap()];
-        let mut wrong = truth.clone();
-        wrong.log_scales[0] = wrong.log_scales[0].map(|log| log - 0.12);
-        wrong.log_scales[2] = wrong.log_scales[2].map(|log| log + 0.2);
-        let without = fitted(&mut wrong.clone(), &goals, Effort { steps: 6, passes: 8, sizes: false });
-        // What grew into pixels that were not recorded is found by looking again.
-        let first = fitted(&mut wrong, &goals, Effort { steps: 4, passes: 8, sizes: true })[0];
-        let [_, last] = fitted(&mut wrong, &goals, Effort { steps: 4, passes: 8, sizes: true });
-        assert!((without[0] - first).abs() < 1e-12, "{without:?} {first}");
-        assert!(last < 0.02 * without[1], "{last} with sizes, {} without", without[1]);
-        for (found, expected) in wrong.log_scales.iter().zip(&truth.log_scales) {
-            assert!((found[0] - expected[0]).abs() < 0.02, "{found:?} {expected:?}");
-        }
     }
 
     /// What a splat shows to the left and to the right needs its second band, and takes it from pictures of both sides.
@@ -451,7 +395,7 @@ mod tests {
             View::look_at(eye, glam::DVec3::Z * 3.0, glam::DVec3::NEG_Y, ahead().fov, [32, 32])
         });
         let goals = views.map(|v| Goal::of(&truth, &v, &options).unwrap());
-        let [before, after] = fitted(&mut wrong, &goals, Effort { steps: 2, passes: 8, sizes: false });
+        let [before, after] = fitted(&mut wrong, &goals, Effort { steps: 2, passes: 8 });
         assert!(after < 1e-4 * before, "{before} {after}");
         assert!((wrong.sh[3][0] - 0.4).abs() < 0.02, "{:?}", wrong.sh);
     }
@@ -461,11 +405,11 @@ mod tests {
         let options = ReferenceOptions::default();
         let mut splats = scene();
         let goals = [Goal::of(&splats, &ahead(), &options).unwrap()];
-        let [first, last] = fitted(&mut splats, &goals, Effort { steps: 1, passes: 2, sizes: false });
+        let [first, last] = fitted(&mut splats, &goals, Effort { steps: 1, passes: 2 });
         assert!(first < 1e-10 && last <= first, "{first} {last}");
         let recording = Recording::of(&splats, [&ahead()], &options).unwrap();
         let bad = [Goal { view: ahead(), pixels: vec![[0.0; 3]; 7] }];
-        assert!(refit(&mut splats, &recording, &bad, Effort { steps: 1, passes: 1, sizes: false }).is_err());
-        assert!(refit(&mut splats, &recording, &[], Effort { steps: 1, passes: 1, sizes: false }).is_err());
+        assert!(refit(&mut splats, &recording, &bad, Effort { steps: 1, passes: 1 }).is_err());
+        assert!(refit(&mut splats, &recording, &[], Effort { steps: 1, passes: 1 }).is_err());
     }
 }

@@ -55,14 +55,13 @@ pub struct Simplify {
     /// Rounds of ranking: splats that hide each other's absence must not all go at once, and what is fitted between the rounds
     /// takes over from what went.
     pub rounds: usize,
-    /// How colours, opacities and sizes are fitted after the last round; one step of it after each of the others. No steps: they
-    /// stay.
+    /// How colours and opacities are fitted after the last round; one step of it after each of the others. No steps: they stay.
     pub effort: Effort,
 }
 
 impl Default for Simplify {
     fn default() -> Self {
-        let effort = Effort { steps: 3, passes: 6, sizes: true };
+        let effort = Effort { steps: 3, passes: 6 };
         Self { keep: 0, rank: Rank::Change, merge: Some(Alike::default()), rounds: 5, effort }
     }
 }
@@ -127,18 +126,12 @@ pub fn simplify(
             refit(splats, &recording, goals, between)?;
         }
     }
-    // What has grown reaches further, and what was hidden shows: looked at again. Sizes only nearly do what they were fitted to
-    // do, so the last word is that of colours and opacities.
+    // What has grown reaches further, and what was hidden shows: looked at again.
     if fits {
-        drop(recording);
-        let mut recording = Recording::of(splats, views(), options)?;
-        if how.effort.sizes {
-            told("fitting colours, opacities and sizes");
-            refit(splats, &recording, goals, how.effort)?;
-            recording = Recording::of(splats, views(), options)?;
-        }
         told("fitting colours and opacities");
-        refit(splats, &recording, goals, Effort { sizes: false, ..how.effort })?;
+        drop(recording);
+        let recording = Recording::of(splats, views(), options)?;
+        refit(splats, &recording, goals, how.effort)?;
     }
     Ok(done)
 }
@@ -207,7 +200,7 @@ mod tests {
         );
     }
 
-    const NO_FIT: Effort = Effort { steps: 0, passes: 0, sizes: false };
+    const NO_FIT: Effort = Effort { steps: 0, passes: 0 };
 
     #[test]
     fn ranks_are_stable() {
