@@ -8,6 +8,7 @@ use std::time::Duration;
 use android_activity::{AndroidApp, MainEvent, PollEvent};
 use motes_app::headset::HeadsetSettings;
 use motes_app::loader::{SceneSource, Storage};
+use motes_app::lod::Tuning;
 use motes_renderer::RenderConfig;
 use motes_renderer::plan::Overrides;
 use motes_scenes::sample;
@@ -62,6 +63,7 @@ fn visit(app: &AndroidApp) -> Result<Visit, ShowError> {
         storage: Storage::Planned(Overrides::default()),
         comfort: settings.comfort,
         budget: settings.budget,
+        detail_target: Tuning::default().target,
         pipelines: app.internal_data_path().map(|folder| folder.join("pipelines")),
         session: SessionOptions {
             resolution_scale: config.resolution_scale,

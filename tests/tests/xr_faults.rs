@@ -109,6 +109,7 @@ fn a_runtime_that_comes_back_is_used_again() {
             config: RenderConfig::default(),
             comfort: Comfort::default(),
             budget: None,
+            detail_target: 0.97,
             pipelines: None,
             session: coarse(),
             runtime: RuntimeOptions::default(),

@@ -26,6 +26,8 @@ pub struct ShowOptions {
     pub comfort: Comfort,
     /// What a frame may take; nothing is held without.
     pub budget: Option<Budget>,
+    /// SSIM that levels of detail keep, as a share of the finest level's; the panel changes it.
+    pub detail_target: f64,
     /// The folder where pipelines are kept from one visit to the next; nowhere without.
     pub pipelines: Option<PathBuf>,
     /// Bindings, resolution, handedness.
@@ -175,6 +177,7 @@ fn run(
         viewer.keep_pipelines(folder)?;
     }
     viewer.governor = options.budget.map(Governor::new);
+    viewer.detail_target = options.detail_target;
     viewer.measurements.clone_from(&options.measurements);
     let shelf = options.folder.as_deref().map(|folder| Shelf::watch(folder, options.thumbnails.as_deref()));
     let mut shelf = shelf.transpose().map_err(XrError::Thread)?;

@@ -6,13 +6,13 @@ use std::time::Duration;
 use motes_app::governor::Budget;
 use motes_app::headset::HeadsetSettings;
 use motes_app::loader::{SceneSource, Storage};
-use motes_app::lod::Tuning;
 use motes_app::opened::Opened;
 use motes_renderer::{Lens, Packing, RenderConfig, pipeline_cache};
 use motes_scenes::LoadOptions;
 use motes_xr::bindings::Bindings;
 use motes_xr::{RuntimeOptions, Script, SessionOptions, ShowError, ShowOptions, show};
 
+use super::lod_walk::lod_target;
 use crate::config_args::ConfigArgs;
 use crate::error::CommandError;
 use crate::replay::{ReplayOptions, replay};
@@ -74,6 +74,9 @@ pub struct XrArgs {
     /// it yet)
     #[arg(long)]
     pub foveation: bool,
+    /// Of a file of levels: SSIM to keep, as a share of the finest level's; the panel changes it
+    #[arg(long, value_name = "SSIM", default_value_t = 0.97, value_parser = lod_target)]
+    pub lod_target: f64,
     /// Read a file of levels, or a streamed SOG scene, on the way, in the order of need, into so much memory
     #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u64).range(1..=1 << 20))]
     pub lod_memory: Option<u64>,
@@ -158,6 +161,7 @@ pub fn run(args: &XrArgs) -> Result<Outcome, CommandError> {
         storage,
         comfort: settings.comfort,
         budget,
+        detail_target: args.lod_target,
         pipelines: pipeline_cache::default_folder(),
         session: SessionOptions {
             resolution_scale: config.resolution_scale,
@@ -205,7 +209,7 @@ pub fn open_window(args: &XrArgs) -> Result<(), CommandError> {
         config: args.config(),
         by_plan: args.config.by_plan(),
         budget: args.budget,
-        lod_target: Tuning::default().target,
+        lod_target: args.lod_target,
         lod_memory: args.lod_memory.map(|mebibytes| mebibytes << 20),
         stereo: false,
         panel: true,
