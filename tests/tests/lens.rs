@@ -229,7 +229,7 @@ fn what_makes_no_sense_through_a_lens_is_refused_with_a_reason() {
     for (config, part) in [
         (RenderConfig { projection: Projection::Affine, ..good.clone() }, "choose projection tangent"),
         (RenderConfig { expansion: Expansion::Instanced, ..good.clone() }, "precomputed"),
-        (RenderConfig { shape: QuadShape::AxisAligned, ..good.clone() }, "choose shape octagon"),
+        (RenderConfig { shape: QuadShape::AxisAligned, ..good.clone() }, "choose another shape"),
         (RenderConfig { order: OrderKey::Depth, ..good.clone() }, "choose order radial"),
         (RenderConfig { resolution_scale: 0.7, ..good.clone() }, "resolution-scale 1"),
         (
