@@ -75,7 +75,7 @@ axis!(
     Projection = "projection" {
         /// Classic: linearised at the mean on the plane z = 1 (Zwicker 2002, Kerbl 2023).
         Affine = "affine",
-        /// Optimal: onto the plane tangent to the unit sphere at the mean (Huang 2024).
+        /// Optimal: seen on the plane tangent to the unit sphere at the mean (Huang 2024), which leans back along the splat.
         Tangent = "tangent",
         /// Maximum response along the pixel's ray (Hahlbohm 2024).
         Exact = "exact",

@@ -120,6 +120,22 @@ impl EyeSplat {
         self.columns.map(|c| DVec2::new(basis[0].dot(c), basis[1].dot(c)) / distance)
     }
 
+    /// How far the ellipse on the tangent plane at the direction `m` leans back from it: at one standard deviation along each
+    /// of the ellipse's axes (unit vectors in the plane), the splat is strongest so far behind the plane, on the parallel to `m`
+    /// (the mean depth there, given the place in the plane: `cov(depth, place) / variance(place)`). Over the mean's distance,
+    /// as [`EyeSplat::tangent_columns`].
+    ///
+    /// A ray that meets the leaning ellipse at `q` squared standard deviations is at most `q / (1 + q s²)` away from the
+    /// mean, `s` what is left of the depth's deviation ([`RaySplat`]): the plane alone errs in the second order of the
+    /// splat's depth over its distance, where the upright plane errs in the first.
+    pub fn lean(&self, m: DVec3, axes: &[DVec3; 2], deviations: &[f64; 2]) -> [f64; 2] {
+        let square = self.mean.length_squared();
+        std::array::from_fn(|i| {
+            let covariance: f64 = self.columns.iter().map(|c| c.dot(m) * c.dot(axes[i])).sum();
+            covariance / (square * deviations[i])
+        })
+    }
+
     /// Largest reach of the ellipsoid of `k` standard deviations along `normal` (any length), from the mean.
     pub fn support(&self, normal: DVec3, k: f64) -> f64 {
         k * self.columns.iter().map(|c| c.dot(normal).powi(2)).sum::<f64>().sqrt()
@@ -493,6 +509,43 @@ mod tests {
                 assert!((image - a).length() < 1e-9 * a.length().max(1.0));
             }
         }
+    }
+
+    /// The identity that the leaning plane rests on: along any ray, the exact distance is `q / (1 + q s²)`.
+    #[test]
+    fn leaning_plane_is_exact_but_for_the_depth_that_is_left() {
+        let (mut leaning, mut upright, mut met) = (0.0f64, 0.0f64, 0);
+        for splat in splats(LowPass::Planar) {
+            let distance = splat.mean.length();
+            let m = splat.mean / distance;
+            let basis = tangent_basis(m);
+            let ellipse = Ellipse::from_columns(&splat.tangent_columns(&basis));
+            let in_space = |v: DVec2| basis[0] * v.x + basis[1] * v.y;
+            let axes = [in_space(ellipse.direction), in_space(ellipse.direction.perp())];
+            let lean = splat.lean(m, &axes, &ellipse.deviations);
+            let depth: f64 = splat.columns.iter().map(|c| (c.dot(m) / distance).powi(2)).sum();
+            let left = depth - lean[0] * lean[0] - lean[1] * lean[1];
+            assert!(left > -1e-12);
+            let exact = RaySplat::from(&splat);
+            for (p, q) in [(0.5, 0.0), (-1.0, 1.5), (0.3, -2.0)] {
+                let [a, b] = [p * ellipse.deviations[0], q * ellipse.deviations[1]];
+                let flat = axes[0] * a + axes[1] * b;
+                let point = m + flat + m * (p * lean[0] + q * lean[1]);
+                if point.z < 0.05 * point.length() {
+                    continue;
+                }
+                let truth = exact.at(point.truncate() / point.z).0;
+                let square = p * p + q * q;
+                let wanted = square / (1.0 + square * left);
+                assert!((truth - wanted).abs() < 1e-6 * wanted.max(1.0), "{truth} {wanted}");
+                // Control: upright, the same place in the plane has another distance.
+                let there = m + flat;
+                leaning = leaning.max((truth - square).abs() / square);
+                upright = upright.max((exact.at(there.truncate() / there.z).0 - square).abs() / square);
+                met += 1;
+            }
+        }
+        assert!(met > 100 && upright > 2.0 * leaning, "{met} {upright} {leaning}");
     }
 
     #[test]

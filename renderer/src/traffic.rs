@@ -4,10 +4,10 @@
 //! and every fragment reads and writes its pixel. What a device keeps on chip costs it nothing of that: a tile-based
 //! one blends there, so [`Traffic::blended`] is named apart.
 
-use crate::config::{Composite, Expansion, Projection, RenderConfig, TargetFormat};
+use crate::config::{Composite, Expansion, RenderConfig, TargetFormat};
 use crate::report::FrameReport;
 use crate::scene::SceneOnDevice;
-use motes_shaders::layout::{RECORD_WORDS, RECORD_WORDS_EXACT};
+use motes_shaders::layout::RECORD_WORDS;
 
 /// Bytes that a frame moves.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -35,8 +35,7 @@ impl Traffic {
         let corners = u64::from(config.shape.corners());
         let (scene, records) = match config.expansion {
             Expansion::Precomputed => {
-                let words =
-                    if config.projection == Projection::Exact { RECORD_WORDS_EXACT } else { RECORD_WORDS };
+                let words = RECORD_WORDS[config.projection as usize];
                 (splats * splat, 2 * u64::from(report.visible) * 4 * u64::from(words) * views)
             }
             Expansion::Instanced => (splats * splat * corners * views, 0),

@@ -1,13 +1,12 @@
 //! Buffers that a frame works in, sized for a scene.
 
+use crate::config::Projection;
 use crate::gpu::{Buffer, Gpu, GpuError};
 use crate::order::OrderRequest;
 use crate::report::FrameReport;
 use ash::vk;
 use gpu_allocator::MemoryLocation;
-use motes_shaders::layout::{
-    BLOCK, DEPTH_TABLE_BYTES, DUE_BYTES, Plan, RECORD_WORDS, RECORD_WORDS_EXACT, TILES,
-};
+use motes_shaders::layout::{BLOCK, DEPTH_TABLE_BYTES, DUE_BYTES, Plan, RECORD_WORDS, TILES};
 use std::sync::Arc;
 
 /// An order that was made on the device.
@@ -53,7 +52,8 @@ impl Order {
 /// Order, records, prefix sums and the plan of the draws.
 pub(crate) struct Workspace {
     capacity: u32,
-    exact: bool,
+    /// Of a record.
+    words: u32,
     /// The order of both eyes or the first, and the second eye's own.
     pub orders: [Order; 2],
     pub records: [Buffer; 2],
@@ -72,9 +72,9 @@ pub(crate) struct Workspace {
 }
 
 impl Workspace {
-    pub fn new(gpu: &Arc<Gpu>, splats: u32, exact: bool, frames: usize) -> Result<Self, GpuError> {
+    pub fn new(gpu: &Arc<Gpu>, splats: u32, projection: Projection, frames: usize) -> Result<Self, GpuError> {
         let n = u64::from(splats.max(1));
-        let words = u64::from(if exact { RECORD_WORDS_EXACT } else { RECORD_WORDS });
+        let words = u64::from(RECORD_WORDS[projection as usize]);
         let limit = gpu.capabilities.max_storage_range;
         let record_bytes = 4 * words * n;
         if record_bytes > limit {
@@ -105,7 +105,7 @@ impl Workspace {
             .collect::<Result<_, _>>()?;
         Ok(Self {
             capacity: splats,
-            exact,
+            words: words as u32,
             orders: [Order::new(splats), Order::new(splats)],
             records: [
                 buffer("records of view 0", record_bytes, storage)?,
@@ -126,8 +126,8 @@ impl Workspace {
         })
     }
 
-    pub fn fits(&self, splats: u32, exact: bool) -> bool {
-        self.capacity >= splats && (self.exact || !exact)
+    pub fn fits(&self, splats: u32, projection: Projection) -> bool {
+        self.capacity >= splats && self.words >= RECORD_WORDS[projection as usize]
     }
 
     /// Copies the plan where the processor can read it once the frame is done. Nothing waits for it. `part` is 1 for

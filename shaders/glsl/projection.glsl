@@ -2,8 +2,9 @@
 //
 // Every rung ends in a plane of eye space and an ellipse in it:
 //   affine   the plane z = 1, basis (x, y);
-//   tangent  the plane that touches the unit sphere at m = mean / |mean|, basis (u, v) of Duff et al. 2017;
-//   exact    as tangent, and five coefficients that turn the distance in the plane into the distance of the ray.
+//   tangent  the plane that touches the unit sphere at m = mean / |mean|, basis (u, v) of Duff et al. 2017, and the ellipse
+//            leans back from it: its points lie where the splat is strongest on each parallel to m;
+//   exact    the tangent plane itself, and five coefficients that turn the distance in it into the distance of the ray.
 // The quad's corners are points of that plane; the rasteriser's perspective division carries them to the image
 // (Huang et al. 2024, equation 23), and its clipping deals with what lies beside or behind the eye.
 #ifndef PROJECTION_GLSL
@@ -17,8 +18,8 @@ struct Ellipse {
     vec2 major;    // one standard deviation along the major axis, in the plane's basis
     float ratio;   // minor / major
     float opacity;
-    vec2 linear;   // exact only: D² = (p² + q²) / (1 + linear·(p,q) + quadratic·(p²,pq,q²))
-    vec3 quadratic;
+    vec2 lean;     // tangent, exact: how far along m the splat's strongest points lie behind the plane, per p and q
+    vec3 quadratic; // exact only: D² = (p² + q²) / (1 - 2 lean·(p,q) + quadratic·(p²,pq,q²)), p and q in the upright plane
     float area;    // of the shape, pixels, clipped to the image
     bool visible;
 };
@@ -73,20 +74,20 @@ struct Reach {
     bool bounded;
 };
 
-Reach reach_of(float k, vec2 linear, vec3 quadratic) {
+Reach reach_of(float k, vec2 lean, vec3 quadratic) {
     Reach r;
     float k2 = k * k;
     r.center = vec2(0.0);
     r.covariance = vec3(k2, 0.0, k2);
     r.bounded = true;
     if (PROJECTION == PROJECTION_EXACT) {
-        // p² + q² <= k² (1 + linear·(p,q) + quadratic·(p²,pq,q²)) as (x - c)' N (x - c) <= k² + ½ k² linear·c.
+        // p² + q² <= k² (1 - 2 lean·(p,q) + quadratic·(p²,pq,q²)) as (x - c)' N (x - c) <= k² - k² lean·c.
         vec3 n = vec3(1.0 - k2 * quadratic.x, -0.5 * k2 * quadratic.y, 1.0 - k2 * quadratic.z);
         float det = n.x * n.z - n.y * n.y;
         // 1e-3: an outline more than ~30 times as far as the tangent ellipse is drawn as the whole image.
         r.bounded = n.x > 1e-3 && n.z > 1e-3 && det > 1e-3;
         vec3 inverse_n = vec3(n.z, -n.y, n.x) / det;
-        vec2 half_linear = 0.5 * k2 * linear;
+        vec2 half_linear = -k2 * lean;
         r.center = vec2(inverse_n.x * half_linear.x + inverse_n.y * half_linear.y,
                         inverse_n.y * half_linear.x + inverse_n.z * half_linear.y);
         r.covariance = inverse_n * (k2 + dot(half_linear, r.center));
@@ -94,22 +95,72 @@ Reach reach_of(float k, vec2 linear, vec3 quadratic) {
     return r;
 }
 
-// How far that part of the plane is from the plane's point m at most (a bound: the sum of both half-axes' squares).
+// The plane that the ellipse lies in, and how to find a ray's point of it.
+struct Plane {
+    vec3 m;       // P = m + p axis_p + q axis_q
+    vec3 axis_p;
+    vec3 axis_q;
+    vec3 along_p; // a ray d: (p, q, 1) is proportional to (d·along_p, d·along_q, d·ahead)
+    vec3 along_q;
+    vec3 ahead;
+};
+
+Plane plane_of(vec3 m, vec2 major, float ratio, vec2 lean) {
+    Plane plane;
+    plane.m = m;
+    // Divided by the length step by step: its square underflows for the smallest splats.
+    float size = length(major);
+    float thin = max(size * ratio, 1e-30);
+    vec2 direction = major / size;
+    if (PROJECTION == PROJECTION_AFFINE) {
+        vec3 p = vec3(direction, 0.0);
+        vec3 q = vec3(-direction.y, direction.x, 0.0);
+        plane.axis_p = size * p;
+        plane.axis_q = size * ratio * q;
+        plane.along_p = vec3(direction, -dot(direction, m.xy)) / size;
+        plane.along_q = vec3(q.xy, -dot(q.xy, m.xy)) / thin;
+        plane.ahead = vec3(0.0, 0.0, 1.0);
+        return plane;
+    }
+    vec3 u, v;
+    tangent_basis(m, u, v);
+    vec3 p = direction.x * u + direction.y * v;
+    vec3 q = direction.x * v - direction.y * u;
+    plane.axis_p = size * p;
+    plane.axis_q = size * ratio * q;
+    plane.along_p = p / size;
+    plane.along_q = q / thin;
+    plane.ahead = m;
+    if (PROJECTION == PROJECTION_TANGENT) {
+        plane.axis_p += lean.x * m;
+        plane.axis_q += lean.y * m;
+        plane.ahead -= lean.x * plane.along_p + lean.y * plane.along_q;
+    }
+    return plane;
+}
+
+// How far that part of an upright plane is from the plane's point m at most (a bound: the sum of both half-axes' squares).
 float plane_radius(Reach reach, vec2 major, vec2 minor) {
     vec2 center = reach.center.x * major + reach.center.y * minor;
     float square = reach.covariance.x * dot(major, major) + reach.covariance.z * dot(minor, minor);
     return length(center) + sqrt(max(square, 0.0));
 }
 
+// The same of what the eye sees of it: what leans towards the eye looks larger. Without bound where it reaches the eye.
+float seen_radius(float k, vec2 lean, Reach reach, vec2 major, vec2 minor) {
+    float radius = plane_radius(reach, major, minor);
+    return PROJECTION == PROJECTION_TANGENT ? radius / max(1.0 - k * length(lean), 1e-6) : radius;
+}
+
 // Whether that part of the plane enters the frustum: the four side planes and the plane of the eye, each with
-// the support function of the ellipse (P = m + p axis1 + q axis2).
-bool in_frustum(vec3 m, vec3 axis1, vec3 axis2, Reach reach, vec4 tangents) {
+// the support function of the ellipse.
+bool in_frustum(Plane plane, Reach reach, vec4 tangents) {
     if (!reach.bounded) return true;
-    vec3 center = m + reach.center.x * axis1 + reach.center.y * axis2;
+    vec3 center = plane.m + reach.center.x * plane.axis_p + reach.center.y * plane.axis_q;
     vec3 planes[5] = vec3[5](vec3(1.0, 0.0, -tangents.x), vec3(-1.0, 0.0, tangents.y), vec3(0.0, 1.0, -tangents.z),
                              vec3(0.0, -1.0, tangents.w), vec3(0.0, 0.0, 1.0));
     for (int i = 0; i < 5; i++) {
-        vec2 n = vec2(dot(planes[i], axis1), dot(planes[i], axis2));
+        vec2 n = vec2(dot(planes[i], plane.axis_p), dot(planes[i], plane.axis_q));
         float reach2 = reach.covariance.x * n.x * n.x + 2.0 * reach.covariance.y * n.x * n.y + reach.covariance.z * n.y * n.y;
         if (!(dot(planes[i], center) + sqrt(max(reach2, 0.0)) > 0.0)) return false;
     }
@@ -137,7 +188,7 @@ Ellipse project_splat(Splat s, ViewData view) {
     Ellipse e;
     e.visible = false;
     e.opacity = s.opacity;
-    e.linear = vec2(0.0);
+    e.lean = vec2(0.0);
     e.quadratic = vec3(0.0);
     e.area = 0.0;
     if (!(s.opacity >= max(frame.cull.z, MIN_ALPHA))) return e;
@@ -271,26 +322,28 @@ Ellipse project_splat(Splat s, ViewData view) {
     e.major = sigma1 * direction;
     e.ratio = sigma2 / sigma1;
     vec2 minor = e.ratio * vec2(-e.major.y, e.major.x);
-    if (PROJECTION == PROJECTION_EXACT) {
+    if (!affine) {
         // With d = (a, b, 1) the ray in the basis (u, v, m) and c1 … c3 the vectors of the minors of the rows (2,3), (3,1),
         // (1,2), D² = (numerator of the tangent ellipse) / |a c1 + b c2 + c3|², here over |c3|² and with (a, b) written
         // in the ellipse's own axes (p, q).
         Minors c1 = minors(a2, vec2(kx.y, ky.y), a3, vec2(kx.z, ky.z));
         Minors c2 = minors(a3, vec2(kx.z, ky.z), a1, vec2(kx.x, ky.x));
         float scale = 1.0 / det;
-        vec3 products = scale * vec3(dot_minors(c1, c1), dot_minors(c1, c2), dot_minors(c2, c2));
         vec2 mixed = scale * vec2(dot_minors(c1, c3), dot_minors(c2, c3));
         vec2 j = e.major;
-        e.linear = 2.0 * vec2(dot(j, mixed), dot(minor, mixed));
-        e.quadratic = vec3(products.x * j.x * j.x + 2.0 * products.y * j.x * j.y + products.z * j.y * j.y,
-                           2.0 * (products.x * j.x * minor.x + products.y * (j.x * minor.y + j.y * minor.x) + products.z * j.y * minor.y),
-                           products.x * minor.x * minor.x + 2.0 * products.y * minor.x * minor.y + products.z * minor.y * minor.y);
+        e.lean = -vec2(dot(j, mixed), dot(minor, mixed));
+        if (PROJECTION == PROJECTION_EXACT) {
+            vec3 products = scale * vec3(dot_minors(c1, c1), dot_minors(c1, c2), dot_minors(c2, c2));
+            e.quadratic = vec3(products.x * j.x * j.x + 2.0 * products.y * j.x * j.y + products.z * j.y * j.y,
+                               2.0 * (products.x * j.x * minor.x + products.y * (j.x * minor.y + j.y * minor.x) + products.z * j.y * minor.y),
+                               products.x * minor.x * minor.x + 2.0 * products.y * minor.x * minor.y + products.z * minor.y * minor.y);
+        }
     }
-    Reach reach = reach_of(k, e.linear, e.quadratic);
+    Reach reach = reach_of(k, e.lean, e.quadratic);
     if (perspective) {
-        e.visible = in_frustum(e.m, e.major.x * u + e.major.y * v, minor.x * u + minor.y * v, reach, view.tangents);
+        e.visible = in_frustum(plane_of(e.m, e.major, e.ratio, e.lean), reach, view.tangents);
     } else {
-        e.visible = !reach.bounded || lens_sees(e.m, plane_radius(reach, e.major, minor), view.tangents);
+        e.visible = !reach.bounded || lens_sees(e.m, seen_radius(k, e.lean, reach, e.major, minor), view.tangents);
     }
     float image_area = view.image.z * view.image.w;
     e.area = frame.shown.w * (reach.bounded ? min(shape_area() * k * k * sigma1 * sigma2 * to_pixels * to_pixels, image_area) : image_area);

@@ -1,12 +1,12 @@
 // The compact record of a visible splat in one view, written by project.comp and read by splat.vert.
 // 32 bytes: centre direction (3 f32), major axis (2 f32), minor/major (f32), colour and opacity (4 f16);
-// exact: five more words.
+// tangent: one word more, the lean (2 f16); exact: five more words.
 #ifndef RECORDS_GLSL
 #define RECORDS_GLSL
 #include "projection.glsl"
 #include "tiles.glsl"
 
-uint record_words() { return PROJECTION == PROJECTION_EXACT ? 13u : 8u; }
+uint record_words() { return PROJECTION == PROJECTION_EXACT ? 13u : PROJECTION == PROJECTION_TANGENT ? 9u : 8u; }
 
 // Batches and the indirect draws that go with them.
 struct Draw {

@@ -58,9 +58,9 @@ void main() {
     float d2 = dot(pq, pq);
 #ifdef EXACT
     // Squared distance of the ray, and whether its strongest point lies before the eye.
-    float along = dot(linear, pq);
-    if (!(at.z + 0.5 * along > 0.0)) LEAVE
-    d2 /= at.z * at.z + at.z * along + quadratic.x * pq.x * pq.x + quadratic.y * pq.x * pq.y + quadratic.z * pq.y * pq.y;
+    float along = dot(lean, pq);
+    if (!(at.z - along > 0.0)) LEAVE
+    d2 /= at.z * at.z - 2.0 * at.z * along + quadratic.x * pq.x * pq.x + quadratic.y * pq.x * pq.y + quadratic.z * pq.y * pq.y;
 #endif
     float alpha = min(MAX_ALPHA, color.a * exp2(-HALF_LOG2_E * d2));
     if (!(alpha >= MIN_ALPHA)) LEAVE

@@ -24,12 +24,12 @@ void main() {
     for (uint j = 0u; j < corners; j++) {
         // A strip zigzags over the polygon: 0, 1, n-1, 2, n-2, ...
         uint corner = j == 0u ? 0u : (j & 1u) == 1u ? (j + 1u) / 2u : corners - j / 2u;
-        Corner p = splat_corner(square ? 2u * corner : corner, square, e.m, e.major, e.ratio, e.opacity, e.linear, e.quadratic, frame.views[view]);
+        Corner p = splat_corner(square ? 2u * corner : corner, square, e.m, e.major, e.ratio, e.opacity, e.lean, e.quadratic, frame.views[view]);
         gl_Position = p.position;
         plane = p.plane;
         color = c;
 #ifdef EXACT
-        linear = e.linear;
+        lean = e.lean;
         quadratic = e.quadratic;
 #endif
         EmitVertex();

@@ -39,7 +39,7 @@ void main() {
 #endif
     color = vec4(0.0);
 #ifdef EXACT
-    linear = vec2(0.0);
+    lean = vec2(0.0);
     quadratic = vec3(0.0);
 #endif
 #ifdef STOCHASTIC
@@ -59,23 +59,20 @@ void main() {
         || squared(octagon_area(color.a, major, ratio, frame.views[view])));
     vec2 l = vec2(0.0);
     vec3 h = vec3(0.0);
+    if (PROJECTION == PROJECTION_TANGENT) l = unpackHalf2x16(record_word(view, word + 8u));
 #ifdef EXACT
     l = vec2(uintBitsToFloat(record_word(view, word + 8u)), uintBitsToFloat(record_word(view, word + 9u)));
     h = vec3(uintBitsToFloat(record_word(view, word + 10u)), uintBitsToFloat(record_word(view, word + 11u)),
              uintBitsToFloat(record_word(view, word + 12u)));
-    linear = l;
+    lean = l;
     quadratic = h;
 #endif
 #ifdef THROUGH_LENS
-    vec3 u, v;
-    tangent_basis(m, u, v);
-    // Divided twice by the length: its square underflows for the smallest splats.
-    float size = length(major), thin = size * ratio;
-    vec2 direction = major / size;
-    middle = m;
-    along_p = (direction.x * u + direction.y * v) / size;
-    along_q = (-direction.y * u + direction.x * v) / max(thin, 1e-30);
-    gl_Position = lens_corner(uint(gl_VertexIndex) % corners, square, m, u, v, major, ratio, color.a, l, h, frame.views[view]);
+    Plane p = plane_of(m, major, ratio, l);
+    middle = p.ahead;
+    along_p = p.along_p;
+    along_q = p.along_q;
+    gl_Position = lens_corner(uint(gl_VertexIndex) % corners, square, m, major, ratio, color.a, l, h, frame.views[view]);
 #else
     Corner c = splat_corner(uint(gl_VertexIndex) % corners, square, m, major, ratio, color.a, l, h, frame.views[view]);
     gl_Position = c.position;

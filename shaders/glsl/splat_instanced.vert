@@ -19,7 +19,7 @@ void main() {
     plane = vec3(0.0);
     color = vec4(0.0);
 #ifdef EXACT
-    linear = vec2(0.0);
+    lean = vec2(0.0);
     quadratic = vec3(0.0);
 #endif
     if (slot >= push.last) return;
@@ -30,10 +30,10 @@ void main() {
     if (!e.visible) return;
     color = vec4(splat_color(i, s.base, normalize(s.mean - frame.views[view].eye.xyz)), e.opacity);
 #ifdef EXACT
-    linear = e.linear;
+    lean = e.lean;
     quadratic = e.quadratic;
 #endif
-    Corner c = splat_corner(uint(gl_VertexIndex) % corners, squared(e.area), e.m, e.major, e.ratio, e.opacity, e.linear, e.quadratic, frame.views[view]);
+    Corner c = splat_corner(uint(gl_VertexIndex) % corners, squared(e.area), e.m, e.major, e.ratio, e.opacity, e.lean, e.quadratic, frame.views[view]);
     gl_Position = c.position;
     plane = c.plane;
 }

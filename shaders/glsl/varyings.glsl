@@ -16,7 +16,7 @@ layout(location = 0) VARYING vec3 plane;       // p, q in standard deviations, a
 #endif
 layout(location = 1) flat VARYING vec4 color;  // colour, opacity
 #ifdef EXACT
-layout(location = 2) flat VARYING vec2 linear;
+layout(location = 2) flat VARYING vec2 lean;
 layout(location = 3) flat VARYING vec3 quadratic;
 #endif
 #ifdef STOCHASTIC

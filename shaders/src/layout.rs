@@ -16,10 +16,8 @@ pub const TILES: u32 = 32 * 32;
 pub const DEPTH_TABLE_BYTES: u64 = BINS as u64 * 2 * TILES as u64 * 4;
 /// Bytes of the lists of tiles that are marked after each batch: batches × views × tiles × 4.
 pub const DUE_BYTES: u64 = MAX_BATCHES as u64 * 2 * TILES as u64 * 4;
-/// 32-bit words of a record (affine and tangent).
-pub const RECORD_WORDS: u32 = 8;
-/// 32-bit words of a record of the exact projection.
-pub const RECORD_WORDS_EXACT: u32 = 13;
+/// 32-bit words of a record: of the affine, the tangent and the exact projection.
+pub const RECORD_WORDS: [u32; 3] = [8, 9, 13];
 /// 32-bit words of a splat's geometry in f32.
 pub const GEOMETRY_WORDS_F32: u32 = 14;
 /// 32-bit words of a splat's geometry in 16-bit forms.

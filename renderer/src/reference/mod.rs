@@ -19,8 +19,8 @@
 //! through a pixel has its maximum at or behind the eye (depth ≤ 0), the ray sees only a slope that falls away from
 //! the viewer, and the splat gives **nothing** to that pixel. So an eye inside a splat sees it where its densest
 //! part lies ahead, a splat whose mean is behind the eye is seen if it reaches round far enough, and nothing is ever
-//! mirrored or wrapped. The tangent projection does the same with the half-space of its tangent plane (`d · m > 0`). The
-//! planar low-pass filter has no width at or behind depth 0, since a pixel has none there.
+//! mirrored or wrapped. The tangent projection does the same with the rays that meet its plane ahead of the eye. The planar
+//! low-pass filter has no width at or behind depth 0, since a pixel has none there.
 
 mod lens;
 mod prepare;
@@ -198,7 +198,7 @@ pub struct ReferencePixel {
     /// What the background still contributes, `0 ..= 1`.
     pub transmittance: f64,
     /// Eye depth (metres) of the first splat that takes the transmittance below ½, ∞ where none does: of its mean
-    /// (affine), of the point on its tangent plane, or of its largest response along the ray (exact). Through a lens the
+    /// (affine), of the point on its plane (tangent), or of its largest response along the ray (exact). Through a lens the
     /// distance instead.
     pub median_depth: f64,
     /// Splats that were blended here: alpha of at least 1/255, before the pixel was finished.

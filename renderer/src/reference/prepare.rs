@@ -373,16 +373,17 @@ impl Project for AffineFootprint {
     }
 }
 
-/// Tangent: the ray meets the plane at `P = d / (d·m)`; its offset from `m` is measured along the ellipse's axes.
+/// Tangent: the ray meets the leaning plane at `P = d / (d·n)`, `n` the plane's normal with `n·m = 1`; its offset from `m`,
+/// along the ellipse's axes.
 pub(super) struct TangentFootprint {
-    direction: DVec3,
+    normal: DVec3,
     axes: [DVec3; 2],
     distance: f64,
 }
 
 impl Footprint for TangentFootprint {
     fn at(&self, _pixel: DVec2, ray: DVec3) -> (f64, f64) {
-        let along = ray.dot(self.direction);
+        let along = ray.dot(self.normal);
         let square = ray.dot(self.axes[0]).powi(2) + ray.dot(self.axes[1]).powi(2);
         // Rays that point away from the plane (along ≤ 0) have a negative depth, and are left out by it.
         (square / (along * along), self.distance / along)
@@ -402,13 +403,17 @@ impl Project for TangentFootprint {
         }
         let in_space = |v: DVec2| basis[0] * v.x + basis[1] * v.y;
         let (u, v) = (in_space(ellipse.direction), in_space(ellipse.direction.perp()));
-        // The ellipse as a body in space, on the unit sphere's tangent plane.
+        let lean = splat.lean(direction, &[u, v], &ellipse.deviations);
+        // The ellipse as a body in space, at a distance of 1.
+        let columns = [u * major + direction * lean[0], v * minor + direction * lean[1]];
         let body = EyeSplat {
             mean: direction,
-            columns: [u * major, v * minor, DVec3::ZERO, DVec3::ZERO, DVec3::ZERO],
+            columns: [columns[0], columns[1], DVec3::ZERO, DVec3::ZERO, DVec3::ZERO],
         };
         let tiles = from.tiles_of_cone(&body, from.limit()?.sqrt())?;
-        Some((Self { direction, axes: [u / major, v / minor], distance }, tiles))
+        let axes = [u / major, v / minor];
+        let normal = direction - axes[0] * lean[0] - axes[1] * lean[1];
+        Some((Self { normal, axes, distance }, tiles))
     }
 
     fn area(splat: &EyeSplat, _view: &View) -> f64 {

@@ -40,17 +40,13 @@ fn textbook_square(
             (mean.z > 0.0).then(|| (d.dot(two.inverse() * d), mean.z))
         }
         Projection::Tangent => {
-            // `003`, equations 18 to 24, with the rank-2 covariance inverted inside the plane.
-            let x_mu = mean.normalize();
-            let plane = |p: DVec3| p / x_mu.dot(p);
-            let outer = |a: DVec3, b: DVec3| DMat3::from_cols(a * b.x, a * b.y, a * b.z);
-            let j =
-                DMat3::IDENTITY * (1.0 / x_mu.dot(mean)) - outer(x_mu, mean) * (1.0 / x_mu.dot(mean).powi(2));
-            let projected = j * covariance * j.transpose();
-            // Adding the normal's own direction makes the matrix regular without touching the plane.
-            let inverse = (projected + outer(x_mu, x_mu)).inverse();
-            let d = plane(ray) - x_mu;
-            (x_mu.dot(ray) > 0.0).then(|| (d.dot(inverse * d), mean.length() / x_mu.dot(ray)))
+            // The distance where the ray meets the plane that holds the strongest points of all parallels to the mean's
+            // direction: there the density's gradient is at a right angle to it, `(p - μ)·Σ⁻¹μ = 0`.
+            let inverse = covariance.inverse();
+            let normal = inverse * mean;
+            let depth = normal.dot(mean) / normal.dot(ray);
+            let d = ray * depth - mean;
+            (depth > 0.0).then(|| (d.dot(inverse * d), depth))
         }
         Projection::Exact => {
             let inverse = covariance.inverse();

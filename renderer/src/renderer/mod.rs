@@ -507,7 +507,7 @@ impl Renderer {
         let part = own_eye.unwrap_or(0);
         let in_parts = self.parts.is_some();
         let specialization = specialization(scene, views.len(), config, &reduction.resolution, in_parts);
-        self.prepare_workspace(scene, specialization.projection == crate::Projection::Exact as u32)?;
+        self.prepare_workspace(scene, config.projection)?;
         let sets = self.scene_sets(frame.slot, scene, part)?;
         self.ordered = self.order(frame.slot, request, own_eye, [sets[0], sets[1]], specialization)?;
         self.write_frame_data(frame.slot, request, reduction, part);

@@ -1,6 +1,7 @@
 //! Before drawing: the compute passes that write the records.
 
 use super::{FRAMES, Renderer};
+use crate::config::Projection;
 use crate::gpu::GpuError;
 use crate::passes::Preparation;
 use crate::scene::SceneOnDevice;
@@ -12,11 +13,15 @@ use motes_shaders::layout::{BLOCK, Specialization};
 pub(super) const PREPARATION_DISPATCHES: u32 = 4;
 
 impl Renderer {
-    pub(super) fn prepare_workspace(&mut self, scene: &SceneOnDevice, exact: bool) -> Result<(), GpuError> {
-        if !self.workspace.as_ref().is_some_and(|w| w.fits(scene.splats, exact)) {
+    pub(super) fn prepare_workspace(
+        &mut self,
+        scene: &SceneOnDevice,
+        projection: Projection,
+    ) -> Result<(), GpuError> {
+        if !self.workspace.as_ref().is_some_and(|w| w.fits(scene.splats, projection)) {
             self.gpu.wait_idle()?;
             self.workspace = None;
-            self.workspace = Some(Workspace::new(&self.gpu, scene.splats, exact, FRAMES)?);
+            self.workspace = Some(Workspace::new(&self.gpu, scene.splats, projection, FRAMES)?);
         }
         Ok(())
     }
