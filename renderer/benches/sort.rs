@@ -116,12 +116,14 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let best = SortShape::of(&gpu.capabilities);
     for (group, run, digit_bits) in [
         (best.group, best.run, best.digit_bits),
-        (32, 64, 8),
-        (32, 256, 8),
-        (64, 64, 7),
-        (8, 256, 8),
+        (32, 128, 8),
         (8, 1024, 8),
-        (16, 512, 8),
+        (8, 16384, 8),
+        (8, 65536, 8),
+        (16, 4096, 8),
+        (32, 2048, 8),
+        (8, 16384, 11),
+        (8, 8192, 11),
     ] {
         let shape = SortShape { group, run, digit_bits };
         let mut sorter = KeySorter::new(&gpu, shape)?;

@@ -23,6 +23,9 @@ pub const LOW_PASS_VARIANCE: f64 = 0.3;
 pub const FRUSTUM_CLAMP: f64 = 1.3;
 /// Opacity compensation never falls below this (`√0.000025`, the trainers' guard).
 pub const COMPENSATION_FLOOR: f64 = 0.005;
+/// The plane of the tangent projection leans back, at one standard deviation, by at most this share of the mean's distance. So
+/// it stays clear of the eye within any reach ([`reach`] is at most 3.33), and what the eye is inside of keeps its head.
+pub const MAX_LEAN: f64 = 0.25;
 /// No splat covers a pixel more than this.
 pub const MAX_ALPHA: f64 = 0.99;
 /// What covers a pixel less than this is left out: below one step of an 8-bit image.
@@ -123,17 +126,19 @@ impl EyeSplat {
     /// How far the ellipse on the tangent plane at the direction `m` leans back from it: at one standard deviation along each
     /// of the ellipse's axes (unit vectors in the plane), the splat is strongest so far behind the plane, on the parallel to `m`
     /// (the mean depth there, given the place in the plane: `cov(depth, place) / variance(place)`). Over the mean's distance,
-    /// as [`EyeSplat::tangent_columns`].
+    /// as [`EyeSplat::tangent_columns`]; at most [`MAX_LEAN`] in all.
     ///
     /// A ray that meets the leaning ellipse at `q` squared standard deviations is at most `q / (1 + q s²)` away from the
     /// mean, `s` what is left of the depth's deviation ([`RaySplat`]): the plane alone errs in the second order of the
     /// splat's depth over its distance, where the upright plane errs in the first.
     pub fn lean(&self, m: DVec3, axes: &[DVec3; 2], deviations: &[f64; 2]) -> [f64; 2] {
         let square = self.mean.length_squared();
-        std::array::from_fn(|i| {
+        let lean: [f64; 2] = std::array::from_fn(|i| {
             let covariance: f64 = self.columns.iter().map(|c| c.dot(m) * c.dot(axes[i])).sum();
             covariance / (square * deviations[i])
-        })
+        });
+        let length = lean[0].hypot(lean[1]);
+        if length > MAX_LEAN { lean.map(|l| l * (MAX_LEAN / length)) } else { lean }
     }
 
     /// Largest reach of the ellipsoid of `k` standard deviations along `normal` (any length), from the mean.
@@ -162,6 +167,23 @@ pub fn tangent_basis_f32(m: Vec3) -> [Vec3; 2] {
     let a = -1.0 / (sign + m.z);
     let b = m.x * m.y * a;
     [Vec3::new(1.0 + sign * m.x * m.x * a, sign * b, -sign * m.x), Vec3::new(b, sign + m.y * m.y * a, -m.y)]
+}
+
+/// A unit vector as a point of the square that the octahedron's faces unfold to, `-1 ..= 1` (Cigolle et al. 2014).
+pub fn pack_direction_f32(m: Vec3) -> Vec2 {
+    let p = m.truncate() / m.abs().element_sum();
+    if m.z < 0.0 { folded_f32(p) } else { p }
+}
+
+/// [`pack_direction_f32`] undone.
+pub fn unpack_direction_f32(p: Vec2) -> Vec3 {
+    let z = 1.0 - p.x.abs() - p.y.abs();
+    (if z < 0.0 { folded_f32(p) } else { p }).extend(z).normalize()
+}
+
+fn folded_f32(p: Vec2) -> Vec2 {
+    let sign = |v: f32| if v < 0.0 { -1.0 } else { 1.0 };
+    Vec2::new((1.0 - p.y.abs()) * sign(p.x), (1.0 - p.x.abs()) * sign(p.y))
 }
 
 /// A 2-D Gaussian's principal axes.
@@ -460,6 +482,24 @@ mod tests {
     }
 
     #[test]
+    fn packed_directions_come_back() {
+        let mut flat = 0.0f32;
+        for i in 0..2000 {
+            let s = i as f32;
+            let m = Vec3::new((1.3 * s).sin(), (0.7 * s).cos(), (2.1 * s).sin()).normalize();
+            let p = pack_direction_f32(m);
+            assert!(p.abs().max_element() <= 1.0 + 1e-6);
+            assert!((unpack_direction_f32(p) - m).length() < 4e-7, "{m} {p}");
+            flat = flat.max((unpack_direction_f32(p * 0.999) - m).length());
+        }
+        for m in [Vec3::Z, Vec3::NEG_Z, Vec3::X, Vec3::NEG_Y] {
+            assert!((unpack_direction_f32(pack_direction_f32(m)) - m).length() < 1e-6);
+        }
+        // Control: a thousandth of the square is seen.
+        assert!(flat > 5e-4);
+    }
+
+    #[test]
     fn planar_filter_is_three_tenths_of_a_square_pixel() {
         let view = view();
         for (with, without) in splats(LowPass::Planar).zip(splats(LowPass::Off)) {
@@ -523,6 +563,9 @@ mod tests {
             let in_space = |v: DVec2| basis[0] * v.x + basis[1] * v.y;
             let axes = [in_space(ellipse.direction), in_space(ellipse.direction.perp())];
             let lean = splat.lean(m, &axes, &ellipse.deviations);
+            if lean[0].hypot(lean[1]) > 0.999 * MAX_LEAN {
+                continue;
+            }
             let depth: f64 = splat.columns.iter().map(|c| (c.dot(m) / distance).powi(2)).sum();
             let left = depth - lean[0] * lean[0] - lean[1] * lean[1];
             assert!(left > -1e-12);

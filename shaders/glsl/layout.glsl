@@ -74,6 +74,8 @@ const float SMALL_POLYGON = 256.0;
 const uint MAX_BATCHES = 128;
 // Steps of equal area that batches are made of.
 const uint BINS = 256;
+// Most that the tangent projection's plane leans back at one standard deviation, over the mean's distance.
+const float MAX_LEAN = 0.25;
 // Least blended opacity: below one step of an 8-bit image nothing lands.
 const float MIN_ALPHA = 1.0 / 255.0;
 // Largest blended opacity (the trainers' cap).

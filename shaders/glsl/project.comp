@@ -16,11 +16,12 @@ void write_record(uint view, uint slot, Ellipse e, vec3 color) {
     uint at = slot * record_words();
     uint rg = packHalf2x16(color.rg);
     uint ba = packHalf2x16(vec2(color.b, e.visible ? e.opacity : 0.0));
-    uint words[13] = uint[13](floatBitsToUint(e.m.x), floatBitsToUint(e.m.y), floatBitsToUint(e.m.z),
-                              floatBitsToUint(e.major.x), floatBitsToUint(e.major.y), floatBitsToUint(e.ratio), rg, ba,
-                              floatBitsToUint(e.lean.x), floatBitsToUint(e.lean.y), floatBitsToUint(e.quadratic.x),
-                              floatBitsToUint(e.quadratic.y), floatBitsToUint(e.quadratic.z));
-    if (PROJECTION == PROJECTION_TANGENT) words[8] = packHalf2x16(clamp(e.lean, -6e4, 6e4));
+    vec2 center = pack_center(e.m);
+    uint words[12] = uint[12](floatBitsToUint(center.x), floatBitsToUint(center.y), floatBitsToUint(e.major.x),
+                              floatBitsToUint(e.major.y), floatBitsToUint(e.ratio), rg, ba, floatBitsToUint(e.lean.x),
+                              floatBitsToUint(e.lean.y), floatBitsToUint(e.quadratic.x), floatBitsToUint(e.quadratic.y),
+                              floatBitsToUint(e.quadratic.z));
+    if (PROJECTION == PROJECTION_TANGENT) words[7] = packHalf2x16(e.lean);
     if (view == 0u) {
         for (uint w = 0u; w < record_words(); w++) records[0].words[at + w] = words[w];
     } else {

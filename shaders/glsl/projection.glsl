@@ -146,10 +146,10 @@ float plane_radius(Reach reach, vec2 major, vec2 minor) {
     return length(center) + sqrt(max(square, 0.0));
 }
 
-// The same of what the eye sees of it: what leans towards the eye looks larger. Without bound where it reaches the eye.
+// The same of what the eye sees of it: what leans towards the eye looks larger.
 float seen_radius(float k, vec2 lean, Reach reach, vec2 major, vec2 minor) {
     float radius = plane_radius(reach, major, minor);
-    return PROJECTION == PROJECTION_TANGENT ? radius / max(1.0 - k * length(lean), 1e-6) : radius;
+    return PROJECTION == PROJECTION_TANGENT ? radius / (1.0 - k * length(lean)) : radius;
 }
 
 // Whether that part of the plane enters the frustum: the four side planes and the plane of the eye, each with
@@ -332,6 +332,8 @@ Ellipse project_splat(Splat s, ViewData view) {
         vec2 mixed = scale * vec2(dot_minors(c1, c3), dot_minors(c2, c3));
         vec2 j = e.major;
         e.lean = -vec2(dot(j, mixed), dot(minor, mixed));
+        // Clear of the eye within any reach. (A length that overflows leaves no lean.)
+        if (PROJECTION == PROJECTION_TANGENT) e.lean *= min(1.0, MAX_LEAN / max(length(e.lean), 1e-30));
         if (PROJECTION == PROJECTION_EXACT) {
             vec3 products = scale * vec3(dot_minors(c1, c1), dot_minors(c1, c2), dot_minors(c2, c2));
             e.quadratic = vec3(products.x * j.x * j.x + 2.0 * products.y * j.x * j.y + products.z * j.y * j.y,

@@ -1,12 +1,27 @@
 // The compact record of a visible splat in one view, written by project.comp and read by splat.vert.
-// 32 bytes: centre direction (3 f32), major axis (2 f32), minor/major (f32), colour and opacity (4 f16);
-// tangent: one word more, the lean (2 f16); exact: five more words.
+// Affine 28 bytes: centre (2 f32), major axis (2 f32), minor/major (f32), colour and opacity (4 f16); tangent 32: the lean
+// too (2 f16); exact 48: lean and quadratic (5 f32).
 #ifndef RECORDS_GLSL
 #define RECORDS_GLSL
 #include "projection.glsl"
 #include "tiles.glsl"
 
-uint record_words() { return PROJECTION == PROJECTION_EXACT ? 13u : PROJECTION == PROJECTION_TANGENT ? 9u : 8u; }
+uint record_words() { return PROJECTION == PROJECTION_EXACT ? 12u : PROJECTION == PROJECTION_TANGENT ? 8u : 7u; }
+
+// A unit vector as a point of the octahedron's two pyramids, laid flat (Cigolle et al. 2014). Twin: pack_direction_f32.
+vec2 folded(vec2 p) { return (1.0 - abs(p.yx)) * vec2(p.x < 0.0 ? -1.0 : 1.0, p.y < 0.0 ? -1.0 : 1.0); }
+
+vec2 pack_center(vec3 m) {
+    if (PROJECTION == PROJECTION_AFFINE) return m.xy;
+    vec2 p = m.xy / (abs(m.x) + abs(m.y) + abs(m.z));
+    return m.z < 0.0 ? folded(p) : p;
+}
+
+vec3 unpack_center(vec2 p) {
+    if (PROJECTION == PROJECTION_AFFINE) return vec3(p, 1.0);
+    float z = 1.0 - abs(p.x) - abs(p.y);
+    return normalize(vec3(z < 0.0 ? folded(p) : p, z));
+}
 
 // Batches and the indirect draws that go with them.
 struct Draw {

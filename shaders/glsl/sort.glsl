@@ -3,6 +3,10 @@
 // One pass brings keys into the order of one digit, stably. A workgroup has a tile of consecutive keys, each of its
 // invocations a run of consecutive keys of the tile and a column of counters of its own, one per digit: so no
 // invocation waits for another to count, no atomic decides an order, and nothing is assumed about subgroups.
+//
+// Where runs are long against the number of digits (LONG_RUNS), a column may lie in memory, whole numbers by tile, digit and
+// invocation: what was counted need not be counted again to scatter, and nobody sums columns up. Else a tile's counters are
+// halves of words in shared memory, and their sums go to memory by digit and tile.
 #ifndef SORT_GLSL
 #define SORT_GLSL
 
@@ -28,6 +32,14 @@ layout(push_constant) uniform Sort {
     uint key;   // KEY_*
     float rest[3]; // of the centre: what an f32 leaves of it
 } sort;
+
+#ifdef LONG_RUNS
+uint count_place(uint digit, uint column) { return ((column / GROUP) * DIGITS + digit) * GROUP + column % GROUP; }
+uint counted() { return sort.tiles * GROUP; }
+#else
+uint count_place(uint digit, uint tile) { return digit * sort.tiles + tile; }
+uint counted() { return sort.tiles; }
+#endif
 
 uint digit_of(uint key) { return (key >> sort.shift) & (DIGITS - 1u); }
 

@@ -1,5 +1,6 @@
 #version 460
-// One workgroup a digit: turns the tiles' counts into places behind the digit's first key, and sums them up.
+// One workgroup a digit: turns the counts of tiles (or of single runs) into places behind the digit's first key, and sums them
+// up.
 #include "sort.glsl"
 
 layout(set = 0, binding = 4, std430) buffer Counts { uint counts[]; };
@@ -9,20 +10,20 @@ shared uint sums[GROUP];
 
 void main() {
     uint local = gl_LocalInvocationID.x;
-    uint row = gl_WorkGroupID.x * sort.tiles;
-    uint run = (sort.tiles + GROUP - 1u) / GROUP;
-    uint begin = min(local * run, sort.tiles);
-    uint end = min(begin + run, sort.tiles);
+    uint digit = gl_WorkGroupID.x;
+    uint run = (counted() + GROUP - 1u) / GROUP;
+    uint begin = min(local * run, counted());
+    uint end = min(begin + run, counted());
     uint sum = 0u;
-    for (uint tile = begin; tile < end; tile++) sum += counts[row + tile];
+    for (uint at = begin; at < end; at++) sum += counts[count_place(digit, at)];
     sums[local] = sum;
     barrier();
     uint before = 0u;
     for (uint other = 0u; other < local; other++) before += sums[other];
-    for (uint tile = begin; tile < end; tile++) {
-        uint count = counts[row + tile];
-        counts[row + tile] = before;
+    for (uint at = begin; at < end; at++) {
+        uint count = counts[count_place(digit, at)];
+        counts[count_place(digit, at)] = before;
         before += count;
     }
-    if (local == GROUP - 1u) totals[gl_WorkGroupID.x] = before;
+    if (local == GROUP - 1u) totals[digit] = before;
 }

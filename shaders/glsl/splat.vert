@@ -18,6 +18,7 @@ uint view_index() {
 }
 
 uint record_word(uint view, uint at) { return view == 0u ? records[0].words[at] : records[1].words[at]; }
+float record_float(uint view, uint at) { return uintBitsToFloat(record_word(view, at)); }
 
 // About: at the image's middle, where a unit of the plane is largest against a pixel.
 float octagon_area(float opacity, vec2 major, float ratio, ViewData view) {
@@ -48,22 +49,20 @@ void main() {
     if (at >= plan.starts[push.batch + 1u]) return;
     uint view = view_index();
     uint word = visible[at] * record_words();
-    vec2 ba = unpackHalf2x16(record_word(view, word + 7u));
+    vec2 ba = unpackHalf2x16(record_word(view, word + 6u));
     if (!(ba.y > 0.0)) return;
-    vec3 m = vec3(uintBitsToFloat(record_word(view, word)), uintBitsToFloat(record_word(view, word + 1u)),
-                  uintBitsToFloat(record_word(view, word + 2u)));
-    vec2 major = vec2(uintBitsToFloat(record_word(view, word + 3u)), uintBitsToFloat(record_word(view, word + 4u)));
-    float ratio = uintBitsToFloat(record_word(view, word + 5u));
-    color = vec4(unpackHalf2x16(record_word(view, word + 6u)), ba);
+    vec3 m = unpack_center(vec2(record_float(view, word), record_float(view, word + 1u)));
+    vec2 major = vec2(record_float(view, word + 2u), record_float(view, word + 3u));
+    float ratio = record_float(view, word + 4u);
+    color = vec4(unpackHalf2x16(record_word(view, word + 5u)), ba);
     bool square = SHAPE == SHAPE_ADAPTIVE && (plan.draws[push.batch].first_index != 0u
         || squared(octagon_area(color.a, major, ratio, frame.views[view])));
     vec2 l = vec2(0.0);
     vec3 h = vec3(0.0);
-    if (PROJECTION == PROJECTION_TANGENT) l = unpackHalf2x16(record_word(view, word + 8u));
+    if (PROJECTION == PROJECTION_TANGENT) l = unpackHalf2x16(record_word(view, word + 7u));
 #ifdef EXACT
-    l = vec2(uintBitsToFloat(record_word(view, word + 8u)), uintBitsToFloat(record_word(view, word + 9u)));
-    h = vec3(uintBitsToFloat(record_word(view, word + 10u)), uintBitsToFloat(record_word(view, word + 11u)),
-             uintBitsToFloat(record_word(view, word + 12u)));
+    l = vec2(record_float(view, word + 7u), record_float(view, word + 8u));
+    h = vec3(record_float(view, word + 9u), record_float(view, word + 10u), record_float(view, word + 11u));
     lean = l;
     quadratic = h;
 #endif

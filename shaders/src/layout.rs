@@ -17,7 +17,7 @@ pub const DEPTH_TABLE_BYTES: u64 = BINS as u64 * 2 * TILES as u64 * 4;
 /// Bytes of the lists of tiles that are marked after each batch: batches × views × tiles × 4.
 pub const DUE_BYTES: u64 = MAX_BATCHES as u64 * 2 * TILES as u64 * 4;
 /// 32-bit words of a record: of the affine, the tangent and the exact projection.
-pub const RECORD_WORDS: [u32; 3] = [8, 9, 13];
+pub const RECORD_WORDS: [u32; 3] = [7, 8, 12];
 /// 32-bit words of a splat's geometry in f32.
 pub const GEOMETRY_WORDS_F32: u32 = 14;
 /// 32-bit words of a splat's geometry in 16-bit forms.

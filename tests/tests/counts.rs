@@ -102,11 +102,11 @@ fn bytes_of_a_frame() {
     let pixels = u64::from(SIZE[0] * SIZE[1]);
     // 14 words of geometry, 45 of spherical harmonics, one of the order.
     assert_eq!(traffic.scene, u64::from(SPLATS) * 4 * (14 + 45 + 1));
-    assert_eq!(traffic.records, 2 * 4 * 9 * u64::from(report.visible));
+    assert_eq!(traffic.records, 2 * 4 * 8 * u64::from(report.visible));
     let affine = RenderConfig { projection: Projection::Affine, ..config.clone() };
     let words =
         |config| Traffic::of(&full.scene, config, &report).records / (2 * 4 * u64::from(report.visible));
-    assert_eq!([words(&affine), words(&config)], [8, 9]);
+    assert_eq!([words(&affine), words(&config)], [7, 8]);
     assert_eq!(traffic.image, 4 * pixels);
     assert_eq!(traffic.blended, 8 * (2 * report.fragments + pixels));
     assert!(report.visible > SPLATS / 2 && report.visible <= SPLATS);

@@ -16,12 +16,16 @@ use proptest::test_runner::{Config, TestRunner};
 use std::cell::RefCell;
 
 /// Tiles of 64, 100, 512, 2048 and 4096 keys; the last two are what processors and graphics cards get.
-const SHAPES: [SortShape; 5] = [
+const SHAPES: [SortShape; 9] = [
     SortShape { group: 8, run: 8, digit_bits: 8 },
     SortShape { group: 10, run: 10, digit_bits: 3 },
     SortShape { group: 64, run: 8, digit_bits: 7 },
     SortShape { group: 128, run: 16, digit_bits: 6 },
     SortShape { group: 32, run: 128, digit_bits: 8 },
+    SortShape { group: 8, run: 64, digit_bits: 4 },
+    SortShape { group: 5, run: 129, digit_bits: 5 },
+    SortShape { group: 8, run: 4096, digit_bits: 8 },
+    SortShape { group: 3, run: 8192, digit_bits: 11 },
 ];
 
 /// What the standard library says: the places of the keys, stably sorted.
@@ -157,7 +161,8 @@ fn shapes_that_cannot_be_are_refused() {
     let gpu = TestGpu::new();
     for shape in [
         SortShape { group: 0, run: 8, digit_bits: 8 },
-        SortShape { group: 256, run: 256, digit_bits: 4 },
+        SortShape { group: 256, run: 256, digit_bits: 8 },
+        SortShape { group: 8, run: 65536, digit_bits: 12 },
         SortShape { group: 32, run: 8, digit_bits: 9 },
         SortShape { group: 32, run: 0, digit_bits: 8 },
         SortShape { group: 1024, run: 8, digit_bits: 8 },

@@ -1,7 +1,8 @@
-//! A stable radix sort on the device. Twin: `sort_count.comp`, `sort_scan.comp`, `sort_scatter.comp`.
+//! A stable radix sort on the device. Twin: `sort_count.comp`, `sort_scan.comp`, `sort_scatter.comp`, and their variants for
+//! long runs.
 //!
-//! Least significant digit first, three dispatches a digit: every tile of keys is counted, the counts become places,
-//! and keys and values go there. No atomics, so equal input gives equal output; no subgroup operations, so their size
+//! Least significant digit first, three dispatches a digit: every tile of keys (or long run) is counted, the counts become
+//! places, and keys and values go there. No atomics, so equal input gives equal output; no subgroup operations, so their size
 //! (8 on lavapipe, 64 or 128 on Adreno) does not matter; nothing is read back.
 
 use crate::gpu::{Buffer, Capabilities, Gpu, GpuError};
@@ -15,9 +16,10 @@ use std::sync::Arc;
 pub struct SortShape {
     /// Invocations of a workgroup.
     pub group: u32,
-    /// Keys of one invocation. `group · run` is below 2¹⁶.
+    /// Keys of one invocation. From four times as many as there are digits on, runs are [long](SortShape::long); else
+    /// `group · run` is below 2¹⁶.
     pub run: u32,
-    /// Bits of a digit, `1 ..= 8`.
+    /// Bits of a digit: up to 8, of long runs up to 11.
     pub digit_bits: u32,
 }
 
@@ -26,16 +28,21 @@ impl SortShape {
     /// counters of a workgroup (16 KiB here) must fit into what every device has.
     pub fn of(capabilities: &Capabilities) -> Self {
         if capabilities.software {
-            Self { group: 32, run: 128, digit_bits: 8 }
+            Self { group: 8, run: 4096, digit_bits: 8 }
         } else {
             Self { group: 128, run: 16, digit_bits: 6 }
         }
     }
 
+    /// Whether each run has counters of its own in memory.
+    pub fn long(self) -> bool {
+        self.run >> self.digit_bits.min(31) >= 4
+    }
+
     /// Bytes of a workgroup's shared memory.
     pub fn shared_bytes(self) -> u32 {
         let digits = 1 << self.digit_bits;
-        4 * (digits / 2 * self.group + digits + self.group)
+        if self.long() { 4 * self.group } else { 4 * (digits / 2 * self.group + digits + self.group) }
     }
 
     /// Digits of a key.
@@ -47,14 +54,22 @@ impl SortShape {
         keys.div_ceil(self.group * self.run)
     }
 
+    /// Counters between the passes, for so many keys.
+    fn counters(self, keys: u32) -> u64 {
+        let columns =
+            u64::from(self.tiles(keys).max(1)) * if self.long() { u64::from(self.group) } else { 1 };
+        columns << self.digit_bits
+    }
+
     fn check(self, gpu: &Gpu) -> Result<(), GpuError> {
         // SAFETY: the physical device belongs to the instance.
         let limits = unsafe { gpu.instance().get_physical_device_properties(gpu.physical()) }.limits;
         let most = limits.max_compute_work_group_invocations.min(limits.max_compute_work_group_size[0]);
-        let shape = (1..=8).contains(&self.digit_bits)
+        let [most_bits, most_keys] = if self.long() { [11, 1 << 31] } else { [8, 1 << 16] };
+        let shape = (1..=most_bits).contains(&self.digit_bits)
             && (1..=4096).contains(&self.group)
             && self.run >= 1
-            && self.group.saturating_mul(self.run) < 1 << 16;
+            && self.group.checked_mul(self.run).is_some_and(|keys| keys < most_keys);
         let fits =
             shape && self.group <= most && self.shared_bytes() <= limits.max_compute_shared_memory_size;
         if fits {
@@ -64,8 +79,8 @@ impl SortShape {
             wanted: format!("a sort with {self:?}"),
             device: gpu.capabilities.device.clone(),
             remedy: format!(
-                "Digits have 1 to 8 bits, a group at most {most} invocations and 65535 keys, and its counters take at \
-                 most {} bytes",
+                "Digits have 1 to 8 bits, a group at most {most} invocations and 65535 keys (with runs of four times as \
+                 many keys as there are digits: 11 bits, any number of keys), and its counters take at most {} bytes",
                 limits.max_compute_shared_memory_size
             ),
         })
@@ -89,7 +104,7 @@ impl RadixBuffers {
         Ok(Self {
             keys: [buffer("sort keys", n)?, buffer("sort keys, other", n)?],
             values: buffer("sort values", n)?,
-            counts: buffer("sort counts", digits * u64::from(shape.tiles(capacity).max(1)))?,
+            counts: buffer("sort counts", shape.counters(capacity))?,
             totals: buffer("sort totals", digits)?,
         })
     }
@@ -134,7 +149,11 @@ impl RadixSort {
         };
         sort.set_layout = super::storage_layout(gpu, 6)?;
         sort.layout = super::compute_layout(gpu, &[sort.set_layout])?;
-        let codes = [modules::SORT_COUNT_COMP, modules::SORT_SCAN_COMP, modules::SORT_SCATTER_COMP];
+        let codes = if shape.long() {
+            [modules::SORT_LONG_COUNT_COMP, modules::SORT_LONG_SCAN_COMP, modules::SORT_LONG_SCATTER_COMP]
+        } else {
+            [modules::SORT_COUNT_COMP, modules::SORT_SCAN_COMP, modules::SORT_SCATTER_COMP]
+        };
         for (pipeline, code) in sort.pipelines.iter_mut().zip(codes) {
             *pipeline = super::compute_pipeline(gpu, sort.layout, code, &[], shape)?;
         }

@@ -13,10 +13,31 @@ use std::time::{Duration, Instant};
 pub struct KeySorter {
     gpu: Arc<Gpu>,
     sort: RadixSort,
+    /// For so many keys, kept from one sort to the next, as a renderer keeps its own.
+    buffers: Option<(usize, KeyBuffers)>,
     uploader: Uploader,
     pool: vk::CommandPool,
     commands: vk::CommandBuffer,
     fence: vk::Fence,
+}
+
+struct KeyBuffers {
+    radix: RadixBuffers,
+    sorted: Buffer,
+    back: Buffer,
+}
+
+impl KeyBuffers {
+    fn new(gpu: &Arc<Gpu>, shape: SortShape, keys: usize) -> Result<Self, GpuError> {
+        let buffer = |name, usage, location| Buffer::new(gpu, name, 4 * keys as u64, usage, location);
+        let sorted = vk::BufferUsageFlags::STORAGE_BUFFER | vk::BufferUsageFlags::TRANSFER_SRC;
+        let back = vk::BufferUsageFlags::TRANSFER_DST;
+        Ok(Self {
+            radix: RadixBuffers::new(gpu, shape, keys as u32)?,
+            sorted: buffer("sorted", sorted, MemoryLocation::GpuOnly)?,
+            back: buffer("sorted, read", back, MemoryLocation::GpuToCpu)?,
+        })
+    }
 }
 
 impl KeySorter {
@@ -28,7 +49,7 @@ impl KeySorter {
         let sort = RadixSort::new(gpu, shape)?;
         let uploader = Uploader::new(gpu)?;
         let (pool, commands, fence) = crate::frame::command_pool(gpu)?;
-        Ok(Self { gpu: gpu.clone(), sort, uploader, pool, commands, fence })
+        Ok(Self { gpu: gpu.clone(), sort, buffers: None, uploader, pool, commands, fence })
     }
 
     /// The places `0 ..` of the keys in ascending order of the keys' lower `key_bits` bits, and how long the device
@@ -39,18 +60,16 @@ impl KeySorter {
     pub fn sort(&mut self, keys: &[u32], key_bits: u32) -> Result<(Vec<u32>, Duration), GpuError> {
         let gpu = self.gpu.clone();
         let n = keys.len();
-        let buffers = RadixBuffers::new(&gpu, self.sort.shape, n as u32)?;
-        let usage = vk::BufferUsageFlags::STORAGE_BUFFER | vk::BufferUsageFlags::TRANSFER_SRC;
-        let sorted = Buffer::new(&gpu, "sorted", 4 * n as u64, usage, MemoryLocation::GpuOnly)?;
         let bytes = 4 * n as u64;
-        let back = Buffer::new(
-            &gpu,
-            "sorted, read",
-            bytes,
-            vk::BufferUsageFlags::TRANSFER_DST,
-            MemoryLocation::GpuToCpu,
-        )?;
-        let [keys_in, _] = self.sort.inputs(&buffers, &sorted, key_bits);
+        let KeyBuffers { radix, sorted, back } = match &self.buffers {
+            Some((keys, buffers)) if *keys == n => buffers,
+            _ => {
+                // Every sort has been waited for.
+                self.buffers = None;
+                &self.buffers.insert((n, KeyBuffers::new(&gpu, self.sort.shape, n)?)).1
+            }
+        };
+        let [keys_in, _] = self.sort.inputs(radix, sorted, key_bits);
         self.uploader.fill(keys_in, n, 1, |at, chunk| chunk.copy_from_slice(&keys[at..at + chunk.len()]))?;
         let descriptors = DescriptorPool::new(&gpu, 2, 12)?;
         let sets = [descriptors.allocate(self.sort.set_layout)?, descriptors.allocate(self.sort.set_layout)?];
@@ -58,7 +77,7 @@ impl KeySorter {
         let start = Instant::now();
         let sort = &self.sort;
         crate::frame::submit_and_wait(&gpu, self.commands, self.fence, |_, commands| {
-            sort.record(commands, sets, &buffers, &sorted, job);
+            sort.record(commands, sets, radix, sorted, job);
         })?;
         let took = start.elapsed();
         if n == 0 {
