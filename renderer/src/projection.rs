@@ -131,12 +131,20 @@ impl EyeSplat {
     /// A ray that meets the leaning ellipse at `q` squared standard deviations is at most `q / (1 + q s²)` away from the
     /// mean, `s` what is left of the depth's deviation ([`RaySplat`]): the plane alone errs in the second order of the
     /// splat's depth over its distance, where the upright plane errs in the first.
-    pub fn lean(&self, m: DVec3, axes: &[DVec3; 2], deviations: &[f64; 2]) -> [f64; 2] {
-        let square = self.mean.length_squared();
-        let lean: [f64; 2] = std::array::from_fn(|i| {
-            let covariance: f64 = self.columns.iter().map(|c| c.dot(m) * c.dot(axes[i])).sum();
-            covariance / (square * deviations[i])
-        });
+    pub fn lean(&self, m: DVec3, basis: &[DVec3; 2], ellipse: &Ellipse) -> [f64; 2] {
+        // The slope of the mean depth over the place is a ratio of sums of 2 × 2 minors (Cauchy-Binet): a covariance along the
+        // shorter axis would be a difference of what a needle has along the longer one.
+        let rows = [basis[0], basis[1], m].map(|axis| self.columns.map(|c| c.dot(axis)));
+        let (mut slope, mut det) = (DVec2::ZERO, 0.0);
+        for i in 0..rows[0].len() {
+            for j in 0..i {
+                let minor = |a: usize, b: usize| rows[a][i] * rows[b][j] - rows[a][j] * rows[b][i];
+                slope += DVec2::new(minor(2, 1), minor(0, 2)) * minor(0, 1);
+                det += minor(0, 1) * minor(0, 1);
+            }
+        }
+        let axes = [ellipse.direction, ellipse.direction.perp()];
+        let lean = [0, 1].map(|i| slope.dot(axes[i]) / det * ellipse.deviations[i]);
         let length = lean[0].hypot(lean[1]);
         if length > MAX_LEAN { lean.map(|l| l * (MAX_LEAN / length)) } else { lean }
     }
@@ -562,7 +570,7 @@ mod tests {
             let ellipse = Ellipse::from_columns(&splat.tangent_columns(&basis));
             let in_space = |v: DVec2| basis[0] * v.x + basis[1] * v.y;
             let axes = [in_space(ellipse.direction), in_space(ellipse.direction.perp())];
-            let lean = splat.lean(m, &axes, &ellipse.deviations);
+            let lean = splat.lean(m, &basis, &ellipse);
             if lean[0].hypot(lean[1]) > 0.999 * MAX_LEAN {
                 continue;
             }

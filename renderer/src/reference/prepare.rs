@@ -403,7 +403,7 @@ impl Project for TangentFootprint {
         }
         let in_space = |v: DVec2| basis[0] * v.x + basis[1] * v.y;
         let (u, v) = (in_space(ellipse.direction), in_space(ellipse.direction.perp()));
-        let lean = splat.lean(direction, &[u, v], &ellipse.deviations);
+        let lean = splat.lean(direction, &basis, &ellipse);
         // The ellipse as a body in space, at a distance of 1.
         let columns = [u * major + direction * lean[0], v * minor + direction * lean[1]];
         let body = EyeSplat {

@@ -110,7 +110,9 @@ fn differing(a: &FloatPicture, b: &FloatPicture) -> f64 {
 
 /// Each field of each splat in turn becomes NaN, ±∞ or huge.
 fn poison(rig: &mut Rig) -> Found {
-    let clean = scene(&row(8));
+    let mut clean = scene(&row(8));
+    // Lengths of quaternions are made 1 to the last bit, poisoned or not.
+    sanitise(&mut clean);
     let mut poisoned = clean.clone();
     let mut expected = 0;
     let mut add = |change: &dyn Fn(&mut Splats, usize)| {
