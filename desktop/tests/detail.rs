@@ -112,7 +112,7 @@ fn scenes_are_labelled_optimised_and_levelled() {
             "--seconds",
             "1",
             "--lod-target",
-            "0.8",
+            "0.9",
             "--fade",
             fade,
             "-o",
