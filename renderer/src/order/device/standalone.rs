@@ -7,7 +7,6 @@ use crate::upload::Uploader;
 use ash::vk;
 use gpu_allocator::MemoryLocation;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
 
 /// Sorts keys that are given, and reads the result back.
 pub struct KeySorter {
@@ -52,44 +51,64 @@ impl KeySorter {
         Ok(Self { gpu: gpu.clone(), sort, buffers: None, uploader, pool, commands, fence })
     }
 
-    /// The places `0 ..` of the keys in ascending order of the keys' lower `key_bits` bits, and how long the device
-    /// took from submission to its end.
+    /// The places `0 ..` of the keys in ascending order of the keys' lower `key_bits` bits.
     ///
     /// # Errors
     /// The driver's.
-    pub fn sort(&mut self, keys: &[u32], key_bits: u32) -> Result<(Vec<u32>, Duration), GpuError> {
-        let gpu = self.gpu.clone();
+    pub fn sort(&mut self, keys: &[u32], key_bits: u32) -> Result<Vec<u32>, GpuError> {
+        self.load(keys, key_bits)?;
+        self.run(keys.len(), key_bits)?;
+        self.places(keys.len())
+    }
+
+    /// Brings keys to the device, before each [`KeySorter::run`].
+    ///
+    /// # Errors
+    /// The driver's.
+    pub fn load(&mut self, keys: &[u32], key_bits: u32) -> Result<(), GpuError> {
         let n = keys.len();
-        let bytes = 4 * n as u64;
-        let KeyBuffers { radix, sorted, back } = match &self.buffers {
-            Some((keys, buffers)) if *keys == n => buffers,
-            _ => {
-                // Every sort has been waited for.
-                self.buffers = None;
-                &self.buffers.insert((n, KeyBuffers::new(&gpu, self.sort.shape, n)?)).1
-            }
-        };
-        let [keys_in, _] = self.sort.inputs(radix, sorted, key_bits);
-        self.uploader.fill(keys_in, n, 1, |at, chunk| chunk.copy_from_slice(&keys[at..at + chunk.len()]))?;
-        let descriptors = DescriptorPool::new(&gpu, 2, 12)?;
-        let sets = [descriptors.allocate(self.sort.set_layout)?, descriptors.allocate(self.sort.set_layout)?];
-        let job = RadixJob { count: n as u32, key_bits, values_are_places: true };
-        let start = Instant::now();
-        let sort = &self.sort;
-        crate::frame::submit_and_wait(&gpu, self.commands, self.fence, |_, commands| {
-            sort.record(commands, sets, radix, sorted, job);
-        })?;
-        let took = start.elapsed();
-        if n == 0 {
-            return Ok((Vec::new(), took));
+        if self.buffers.as_ref().is_none_or(|(keys, _)| *keys != n) {
+            // Every sort has been waited for.
+            self.buffers = None;
+            self.buffers = Some((n, KeyBuffers::new(&self.gpu, self.sort.shape, n)?));
         }
-        crate::frame::submit_and_wait(&gpu, self.commands, self.fence, |device, commands| {
+        let Some((_, buffers)) = &self.buffers else { return Ok(()) };
+        let [keys_in, _] = self.sort.inputs(&buffers.radix, &buffers.sorted, key_bits);
+        self.uploader.fill(keys_in, n, 1, |at, chunk| chunk.copy_from_slice(&keys[at..at + chunk.len()]))
+    }
+
+    /// Sorts so many keys, and waits until that is done.
+    ///
+    /// # Errors
+    /// The driver's.
+    pub fn run(&mut self, keys: usize, key_bits: u32) -> Result<(), GpuError> {
+        let Some((_, buffers)) = &self.buffers else { return Ok(()) };
+        let pool = DescriptorPool::new(&self.gpu, 2, 12)?;
+        let sets = [pool.allocate(self.sort.set_layout)?, pool.allocate(self.sort.set_layout)?];
+        let job = RadixJob { count: keys as u32, key_bits, values_are_places: true };
+        let sort = &self.sort;
+        crate::frame::submit_and_wait(&self.gpu, self.commands, self.fence, |_, commands| {
+            sort.record(commands, sets, &buffers.radix, &buffers.sorted, job);
+        })
+    }
+
+    /// The order that the last [`KeySorter::run`] has found.
+    ///
+    /// # Errors
+    /// The driver's.
+    pub fn places(&mut self, keys: usize) -> Result<Vec<u32>, GpuError> {
+        let Some((_, KeyBuffers { sorted, back, .. })) = &self.buffers else { return Ok(Vec::new()) };
+        if keys == 0 {
+            return Ok(Vec::new());
+        }
+        let bytes = 4 * keys as u64;
+        crate::frame::submit_and_wait(&self.gpu, self.commands, self.fence, |device, commands| {
             let copy = vk::BufferCopy { src_offset: 0, dst_offset: 0, size: bytes };
             // SAFETY: both buffers hold the region; the sort was waited for.
             unsafe { device.cmd_copy_buffer(commands, sorted.raw(), back.raw(), &[copy]) };
         })?;
         let words = back.mapped().get(..bytes as usize).unwrap_or_default();
-        Ok((words.chunks_exact(4).map(|w| u32::from_le_bytes([w[0], w[1], w[2], w[3]])).collect(), took))
+        Ok(words.chunks_exact(4).map(|w| u32::from_le_bytes([w[0], w[1], w[2], w[3]])).collect())
     }
 }
 
