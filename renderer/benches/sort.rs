@@ -138,8 +138,6 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         (8, 65536, 8),
         (16, 4096, 8),
         (32, 2048, 8),
-        (8, 16384, 11),
-        (8, 8192, 11),
     ] {
         let shape = SortShape { group, run, digit_bits };
         let mut sorter = KeySorter::new(&gpu, shape)?;

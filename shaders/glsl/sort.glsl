@@ -4,9 +4,9 @@
 // invocations a run of consecutive keys of the tile and a column of counters of its own, one per digit: so no
 // invocation waits for another to count, no atomic decides an order, and nothing is assumed about subgroups.
 //
-// Where runs are long against the number of digits (LONG_RUNS), a column may lie in memory, whole numbers by tile, digit and
-// invocation: what was counted need not be counted again to scatter, and nobody sums columns up. Else a tile's counters are
-// halves of words in shared memory, and their sums go to memory by digit and tile.
+// Where runs are long against the number of digits (LONG_RUNS), whole columns go to memory, by tile, digit and invocation:
+// what was counted need not be counted again to scatter, and nobody sums columns up. Else a tile's counters are halves of
+// words, and their sums go to memory, by digit and tile.
 #ifndef SORT_GLSL
 #define SORT_GLSL
 

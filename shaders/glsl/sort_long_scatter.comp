@@ -7,16 +7,18 @@ layout(set = 0, binding = 0, std430) readonly buffer KeysIn { uint keys_in[]; };
 layout(set = 0, binding = 1, std430) readonly buffer ValuesIn { uint values_in[]; };
 layout(set = 0, binding = 2, std430) writeonly buffer KeysOut { uint keys_out[]; };
 layout(set = 0, binding = 3, std430) writeonly buffer ValuesOut { uint values_out[]; };
-layout(set = 0, binding = 4, std430) buffer Counts { uint counts[]; };
+layout(set = 0, binding = 4, std430) readonly buffer Counts { uint counts[]; };
 layout(set = 0, binding = 5, std430) readonly buffer Totals { uint totals[]; };
 
+shared uint places[DIGITS * GROUP];
+
 void main() {
+    uint local = gl_LocalInvocationID.x;
     uint column = gl_GlobalInvocationID.x;
-    uint own = count_place(0u, column);
     // The places behind the digit's first key become places among all keys.
     uint before = 0u;
     for (uint digit = 0u; digit < DIGITS; digit++) {
-        counts[own + digit * GROUP] += before;
+        places[digit * GROUP + local] = before + counts[count_place(digit, column)];
         before += totals[digit];
     }
     bool places_are_values = (sort.flags & SORT_VALUES_ARE_PLACES) != 0u;
@@ -25,9 +27,9 @@ void main() {
     uint end = min(begin + RUN, sort.count);
     for (uint at = begin; at < end; at++) {
         uint key = keys_in[at];
-        uint counter = own + digit_of(key) * GROUP;
-        uint place = counts[counter];
-        counts[counter] = place + 1u;
+        uint counter = digit_of(key) * GROUP + local;
+        uint place = places[counter];
+        places[counter] = place + 1u;
         if (write_keys) keys_out[place] = key;
         values_out[place] = places_are_values ? at : values_in[at];
     }

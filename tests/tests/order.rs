@@ -25,7 +25,7 @@ const SHAPES: [SortShape; 9] = [
     SortShape { group: 8, run: 64, digit_bits: 4 },
     SortShape { group: 5, run: 129, digit_bits: 5 },
     SortShape { group: 8, run: 4096, digit_bits: 8 },
-    SortShape { group: 3, run: 8192, digit_bits: 11 },
+    SortShape { group: 3, run: 8192, digit_bits: 8 },
 ];
 
 /// What the standard library says: the places of the keys, stably sorted.
@@ -162,7 +162,8 @@ fn shapes_that_cannot_be_are_refused() {
     for shape in [
         SortShape { group: 0, run: 8, digit_bits: 8 },
         SortShape { group: 256, run: 256, digit_bits: 8 },
-        SortShape { group: 8, run: 65536, digit_bits: 12 },
+        SortShape { group: 8, run: 65536, digit_bits: 9 },
+        SortShape { group: 64, run: 4096, digit_bits: 8 },
         SortShape { group: 32, run: 8, digit_bits: 9 },
         SortShape { group: 32, run: 0, digit_bits: 8 },
         SortShape { group: 1024, run: 8, digit_bits: 8 },

@@ -19,7 +19,7 @@ pub struct SortShape {
     /// Keys of one invocation. From four times as many as there are digits on, runs are [long](SortShape::long); else
     /// `group · run` is below 2¹⁶.
     pub run: u32,
-    /// Bits of a digit: up to 8, of long runs up to 11.
+    /// Bits of a digit, `1 ..= 8`.
     pub digit_bits: u32,
 }
 
@@ -42,7 +42,11 @@ impl SortShape {
     /// Bytes of a workgroup's shared memory.
     pub fn shared_bytes(self) -> u32 {
         let digits = 1 << self.digit_bits;
-        if self.long() { 4 * self.group } else { 4 * (digits / 2 * self.group + digits + self.group) }
+        if self.long() {
+            4 * digits * self.group
+        } else {
+            4 * (digits / 2 * self.group + digits + self.group)
+        }
     }
 
     /// Digits of a key.
@@ -65,8 +69,8 @@ impl SortShape {
         // SAFETY: the physical device belongs to the instance.
         let limits = unsafe { gpu.instance().get_physical_device_properties(gpu.physical()) }.limits;
         let most = limits.max_compute_work_group_invocations.min(limits.max_compute_work_group_size[0]);
-        let [most_bits, most_keys] = if self.long() { [11, 1 << 31] } else { [8, 1 << 16] };
-        let shape = (1..=most_bits).contains(&self.digit_bits)
+        let most_keys = if self.long() { 1 << 31 } else { 1 << 16 };
+        let shape = (1..=8).contains(&self.digit_bits)
             && (1..=4096).contains(&self.group)
             && self.run >= 1
             && self.group.checked_mul(self.run).is_some_and(|keys| keys < most_keys);
@@ -79,8 +83,8 @@ impl SortShape {
             wanted: format!("a sort with {self:?}"),
             device: gpu.capabilities.device.clone(),
             remedy: format!(
-                "Digits have 1 to 8 bits, a group at most {most} invocations and 65535 keys (with runs of four times as \
-                 many keys as there are digits: 11 bits, any number of keys), and its counters take at most {} bytes",
+                "Digits have 1 to 8 bits, a group at most {most} invocations and 65535 keys (any number \
+                 with runs of four times as many keys as there are digits), and its counters take at most {} bytes",
                 limits.max_compute_shared_memory_size
             ),
         })
