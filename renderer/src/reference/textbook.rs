@@ -4,6 +4,7 @@ use glam::{DMat3, DQuat, DVec2, DVec3};
 use motes_scenes::Splats;
 
 use crate::config::Projection;
+use crate::projection::MAX_LEAN;
 use crate::view::View;
 
 /// Squared distance and depth of splat `i` at a pixel by covariances and their inverses. `None`: no contribution.
@@ -40,13 +41,21 @@ fn textbook_square(
             (mean.z > 0.0).then(|| (d.dot(two.inverse() * d), mean.z))
         }
         Projection::Tangent => {
-            // The distance where the ray meets the plane that holds the strongest points of all parallels to the mean's
-            // direction: there the density's gradient is at a right angle to it, `(p - μ)·Σ⁻¹μ = 0`.
+            // The plane of the strongest points of all parallels to the mean's direction, where the density's gradient is at
+            // a right angle to it: `(p - μ)·Σ⁻¹μ = 0`; brought upright as far as its lean has to be less.
             let inverse = covariance.inverse();
-            let normal = inverse * mean;
+            let x_mu = mean.normalize();
+            let outer = |a: DVec3, b: DVec3| DMat3::from_cols(a * b.x, a * b.y, a * b.z);
+            let across = DMat3::IDENTITY - outer(x_mu, x_mu);
+            let flat = across * covariance * across;
+            let normal = inverse * mean / (inverse * mean).dot(x_mu);
+            let slope = x_mu - normal;
+            let lean = slope.dot(flat * slope).sqrt() / mean.length();
+            let normal = x_mu - slope * (MAX_LEAN / lean).min(1.0);
             let depth = normal.dot(mean) / normal.dot(ray);
-            let d = ray * depth - mean;
-            (depth > 0.0).then(|| (d.dot(inverse * d), depth))
+            let d = across * (ray * depth - mean);
+            // Adding the mean's own direction makes the matrix regular without touching the plane.
+            (depth > 0.0).then(|| (d.dot((flat + outer(x_mu, x_mu)).inverse() * d), depth))
         }
         Projection::Exact => {
             let inverse = covariance.inverse();
