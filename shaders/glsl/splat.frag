@@ -51,8 +51,14 @@ void main() {
 #endif
 #else
     vec3 at = plane;
-    // The falloff is a function of the plane's coordinates, and those are as good as linear over a pixel.
-    if (SAMPLING != SAMPLING_CENTERS) at.xy += sample_offset() * dFdx(plane.xy);
+    if (SAMPLING != SAMPLING_CENTERS) {
+        // The falloff is a function of the plane's coordinates, which over their depth are linear in the image.
+        vec3 over_depth = plane * gl_FragCoord.w;
+        at = over_depth + sample_offset() * dFdx(over_depth);
+#ifndef EXACT
+        if (PROJECTION != PROJECTION_AFFINE) at.xy /= at.z;
+#endif
+    }
 #endif
     vec2 pq = at.xy;
     float d2 = dot(pq, pq);

@@ -83,11 +83,11 @@ fn main() {
         radius: RadiusRule::Full,
         max_radius: 1e6,
         target: TargetFormat::Rgba32F,
+        background: BACKGROUND,
         ..Default::default()
     };
     let exact = ReferenceOptions {
         projection: Projection::Exact,
-        background: BACKGROUND.map(f64::from),
         ..ReferenceOptions::of_config(&base)
     };
     let rings: String = (0..RINGS).map(|r| format!("  {:2}-{:2}°", r * 10, r * 10 + 10)).collect();

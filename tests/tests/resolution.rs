@@ -92,9 +92,7 @@ fn samples_are_pixels_of_full_resolution() {
                 .unwrap()
         };
         println!("{name}: at most {} / 255 off", worst(false));
-        // Farther from the centre, the perspective's curvature within a pixel begins to count.
-        let bound = if config.resolution_scale < 0.7 { 5 } else { 2 };
-        assert!(worst(false) <= bound, "{name}: {} / 255", worst(false));
+        assert!(worst(false) <= 2, "{name}: {} / 255", worst(false));
         assert!(worst(true) > 40, "{name}: offsets of the wrong sign must not pass");
     };
     for &projection in Projection::ALL {

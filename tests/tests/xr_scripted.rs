@@ -105,11 +105,12 @@ fn where_the_scene_is_empty_the_surroundings_are_seen() {
             assert!(after.iter().all(|v| *v <= 2), "empty: {after:?}");
             clear += usize::from(*after == [0; 4]);
         }
-        // Premultiplied: what the background's colour added is gone, by as much as is transparent.
+        // Premultiplied: what the background's colour added is gone, by as much as is transparent. (Three roundings to
+        // 8 bits, and those of the half-float sums.)
         let through = f64::from(255 - after[3]) / 255.0;
         for k in 0..3 {
             let added = f64::from(before[k]) - f64::from(after[k]);
-            assert!((added - through * f64::from(empty[k])).abs() <= 1.5, "{before:?} {after:?}");
+            assert!((added - through * f64::from(empty[k])).abs() <= 2.0, "{before:?} {after:?}");
         }
         solid += usize::from(after[3] == 255);
     }
