@@ -86,10 +86,7 @@ fn main() {
         background: BACKGROUND,
         ..Default::default()
     };
-    let exact = ReferenceOptions {
-        projection: Projection::Exact,
-        ..ReferenceOptions::of_config(&base)
-    };
+    let exact = ReferenceOptions { projection: Projection::Exact, ..ReferenceOptions::of_config(&base) };
     let rings: String = (0..RINGS).map(|r| format!("  {:2}-{:2}°", r * 10, r * 10 + 10)).collect();
     println!("{:43} {rings}   whole     RMS", "view               by");
     for name in NAMES.into_iter().filter(named) {
@@ -107,7 +104,7 @@ fn main() {
             for heading in (0..HEADINGS).map(|i| f64::from(i) * 360.0 / f64::from(HEADINGS)) {
                 let rotation = DMat3::from_axis_angle(golden.view.rotation.row(1), heading.to_radians());
                 let rotation = golden.view.rotation * rotation.transpose();
-                let view = View { rotation, fov: WIDE, size: SIZE, eye, ..golden.view };
+                let view = View { rotation, fov: WIDE, size: SIZE, eye };
                 let truth = reference::render(&golden.splats, &view, &exact).unwrap().to_rgb_f32();
                 for (sums, projection) in sums.iter_mut().zip(PROJECTIONS) {
                     let options = ReferenceOptions { projection, ..exact.clone() };
