@@ -206,6 +206,8 @@ pub fn optimise(original: &Splats, look: &[View], args: &OptimizeArgs) -> Result
     let progress = spinner("looking");
     let mut splats = original.clone();
     let mut recording = Recording::of(&splats, look, &options)?;
+    // With what parasites gave: the rest is to give it, as far as it can.
+    let goals = Goal::of_recording(&splats, look, &recording);
     let removed = match args.keep_parasites {
         true => 0,
         false => remove_parasites(&mut splats, look, &mut recording),
@@ -225,7 +227,6 @@ pub fn optimise(original: &Splats, look: &[View], args: &OptimizeArgs) -> Result
         })?;
         Ok::<_, CommandError>((smaller, done))
     };
-    let goals = Goal::of_recording(&splats, look, &recording);
     let n = original.len();
     let (splats, done) = if args.flip.is_none() && args.layers.is_none() {
         let keep = (args.keep.unwrap_or(0.65) * n as f64).floor() as usize;
@@ -242,7 +243,8 @@ pub fn optimise(original: &Splats, look: &[View], args: &OptimizeArgs) -> Result
         let fitted = |i: usize| !i.is_multiple_of(TUNING) || look.len() < TUNING;
         let some: Vec<View> = (0..look.len()).filter(|i| fitted(*i)).map(|i| look[i]).collect();
         let of_some = Recording::of(&splats, &some, &options)?;
-        let goals_of_some = Goal::of_recording(&splats, &some, &of_some);
+        let some_goals = goals.iter().enumerate().filter(|(i, _)| fitted(*i)).map(|(_, goal)| goal.clone());
+        let goals_of_some: Vec<Goal> = some_goals.collect();
         let keep =
             search(n, args, |keep| Ok(bench.judge(&run(of_some.clone(), &goals_of_some, keep)?.0)?.0))?;
         drop(of_some);
@@ -384,6 +386,9 @@ fn print(report: &Report, json: bool) -> Result<(), CommandError> {
 mod tests {
     use super::*;
     use clap::Parser;
+    use glam::DVec3;
+    use motes_renderer::Fov;
+    use motes_renderer::detail::refit::residual;
 
     #[derive(clap::Parser)]
     struct Cli {
@@ -416,6 +421,35 @@ mod tests {
         assert!(error.contains("its splats are large"), "{error}");
         assert!(search(1000, &args(&["--layers", "18", "--at-most", "0.1"]), figures).is_ok());
         assert_eq!(search(1000, &args(&["--layers", "50"]), figures).unwrap(), 1000);
+    }
+
+    /// A wall, and a veil before one of the cameras that look at it.
+    #[test]
+    fn what_a_parasite_gave_is_given_by_the_rest() {
+        let mut scene = Splats::zeroed(101, 1, false);
+        for i in 0..101 {
+            let (x, y) = ((i % 10) as f32 - 4.5, (i / 10) as f32 - 4.5);
+            let veil = i == 100;
+            scene.means[i] = if veil { [0.0, 0.0, 0.4] } else { [0.4 * x, 0.4 * y, 4.0] };
+            scene.log_scales[i] = [if veil { 0.1f32 } else { 0.3 }.ln(); 3];
+            scene.rotations[i] = [0.0, 0.0, 0.0, 1.0];
+            scene.opacities[i] = if veil { 0.3 } else { 0.9 };
+            scene.sh[4 * i] = if veil { [1.0; 3] } else { [0.02 * x, 0.0, 0.02 * y] };
+        }
+        let fov = Fov { left: -0.4, right: 0.4, up: -0.4, down: 0.4 };
+        let look = [-2.0, 0.0, 2.0].map(|x| {
+            View::look_at(DVec3::new(x, 0.0, 0.0), DVec3::new(0.0, 0.0, 4.0), DVec3::NEG_Y, fov, [32, 32])
+        });
+        let goals = look.map(|view| Goal::of(&scene, &view, &options()).unwrap());
+        let ours = optimise(&scene, &look, &args(&["--keep", "0.98", "--no-merge"])).unwrap();
+        assert_eq!((ours.parasites, ours.splats.len()), (1, 98));
+        let mut bare = scene.clone();
+        bare.retain(|i| i != 100);
+        let [ours, bare] = [&ours.splats, &bare].map(|s| residual(s, &goals, &options()).unwrap());
+        assert!(ours < 0.3 * bare && bare > 1e-4, "{ours} {bare}");
+        let kept =
+            optimise(&scene, &look, &args(&["--keep", "0.98", "--no-merge", "--keep-parasites"])).unwrap();
+        assert_eq!(kept.parasites, 0);
     }
 
     #[test]

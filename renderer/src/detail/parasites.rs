@@ -19,9 +19,10 @@ pub struct Rule {
 }
 
 impl Default for Rule {
-    /// Within a fifth of the way, wider than 3° (one deviation), and half of it for one view.
+    /// Within a fifth of the way, wider than 3° (one deviation), and nine tenths of it for one view: what others look through
+    /// as well, pictures from between them show too.
     fn default() -> Self {
-        Self { near: 0.2, size: 0.05, favourite: 0.5 }
+        Self { near: 0.2, size: 0.05, favourite: 0.9 }
     }
 }
 
@@ -87,5 +88,17 @@ mod tests {
         assert_eq!(found(Rule { size: 0.0, ..Rule::default() }), [100, 101]);
         assert!(found(Rule { near: 0.6, favourite: 0.3, ..Rule::default() }).contains(&102));
         assert!(parasites(&splats, &views, &[f64::INFINITY; 3], &importance, Rule::default()).is_empty());
+        // What a second camera looks through as well is not there for one photograph.
+        let mut census = Census::new(splats.len());
+        let views = [0.0, 0.05].map(|x| View { eye: DVec3::new(x, 0.0, 0.0), ..ahead() });
+        for view in &views {
+            census.look(&splats, view, &ReferenceOptions::default()).unwrap();
+        }
+        let importance = census.finish();
+        let shared = |favourite| {
+            let rule = Rule { favourite, ..Rule::default() };
+            parasites(&splats, &views, &[4.0; 2], &importance, rule).contains(&100)
+        };
+        assert!(!shared(Rule::default().favourite) && shared(0.4), "{}", importance.favourite[100]);
     }
 }

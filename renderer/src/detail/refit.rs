@@ -30,6 +30,7 @@ const HALVINGS: u32 = 4;
 const GROUPS: usize = 4;
 
 /// What a view is to look like.
+#[derive(Clone)]
 pub struct Goal {
     /// From where.
     pub view: View,
