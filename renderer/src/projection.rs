@@ -177,23 +177,6 @@ pub fn tangent_basis_f32(m: Vec3) -> [Vec3; 2] {
     [Vec3::new(1.0 + sign * m.x * m.x * a, sign * b, -sign * m.x), Vec3::new(b, sign + m.y * m.y * a, -m.y)]
 }
 
-/// A unit vector as a point of the square that the octahedron's faces unfold to, `-1 ..= 1` (Cigolle et al. 2014).
-pub fn pack_direction_f32(m: Vec3) -> Vec2 {
-    let p = m.truncate() / m.abs().element_sum();
-    if m.z < 0.0 { folded_f32(p) } else { p }
-}
-
-/// [`pack_direction_f32`] undone.
-pub fn unpack_direction_f32(p: Vec2) -> Vec3 {
-    let z = 1.0 - p.x.abs() - p.y.abs();
-    (if z < 0.0 { folded_f32(p) } else { p }).extend(z).normalize()
-}
-
-fn folded_f32(p: Vec2) -> Vec2 {
-    let sign = |v: f32| if v < 0.0 { -1.0 } else { 1.0 };
-    Vec2::new((1.0 - p.y.abs()) * sign(p.x), (1.0 - p.x.abs()) * sign(p.y))
-}
-
 /// A 2-D Gaussian's principal axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ellipse {
@@ -487,24 +470,6 @@ mod tests {
             assert!((product - DMat3::IDENTITY).to_cols_array().iter().all(|d| d.abs() < 1e-12), "{m}");
             assert!((frame.determinant() - 1.0).abs() < 1e-12, "{m}");
         }
-    }
-
-    #[test]
-    fn packed_directions_come_back() {
-        let mut flat = 0.0f32;
-        for i in 0..2000 {
-            let s = i as f32;
-            let m = Vec3::new((1.3 * s).sin(), (0.7 * s).cos(), (2.1 * s).sin()).normalize();
-            let p = pack_direction_f32(m);
-            assert!(p.abs().max_element() <= 1.0 + 1e-6);
-            assert!((unpack_direction_f32(p) - m).length() < 4e-7, "{m} {p}");
-            flat = flat.max((unpack_direction_f32(p * 0.999) - m).length());
-        }
-        for m in [Vec3::Z, Vec3::NEG_Z, Vec3::X, Vec3::NEG_Y] {
-            assert!((unpack_direction_f32(pack_direction_f32(m)) - m).length() < 1e-6);
-        }
-        // Control: a thousandth of the square is seen.
-        assert!(flat > 5e-4);
     }
 
     #[test]
