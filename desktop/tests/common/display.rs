@@ -18,8 +18,10 @@ pub struct Display {
 impl Display {
     /// Starts one of this size; its memory is kept in a folder.
     pub fn new(folder: &Path, size: [u32; 2]) -> Self {
+        // Without `-noreset` the server begins anew when its last client leaves, and refuses whoever comes meanwhile:
+        // a program that starts while `xdotool` has just looked for its window.
         let mut server = Command::new("Xvfb")
-            .args(["-displayfd", "1", "-nolisten", "tcp", "-screen", "0"])
+            .args(["-displayfd", "1", "-nolisten", "tcp", "-noreset", "-screen", "0"])
             .arg(format!("{}x{}x24", size[0], size[1]))
             .arg("-fbdir")
             .arg(folder)
