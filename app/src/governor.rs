@@ -57,7 +57,7 @@ impl Budget {
             return None;
         }
         let fragments = match config.expansion {
-            Expansion::Precomputed => f64::from(report.predicted_unhidden),
+            Expansion::Precomputed | Expansion::Tiles => f64::from(report.predicted_unhidden),
             _ if report.vertices == 0 => return None,
             _ => report.fragments as f64,
         };

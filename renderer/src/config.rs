@@ -67,8 +67,18 @@ axis!(
         Instanced = "instanced",
         /// Geometry stage, one invocation per splat (single view; where the device has it).
         Geometry = "geometry",
+        /// Compute passes list every tile's splats and blend them in full precision, without a rasteriser: the fastest
+        /// way on drivers that render on the processor.
+        Tiles = "tiles",
     }
 );
+
+impl Expansion {
+    /// Whether a compute pass writes the visible splats' records, and predicts what they cost.
+    pub fn writes_records(self) -> bool {
+        matches!(self, Self::Precomputed | Self::Tiles)
+    }
+}
 
 axis!(
     /// How a splat's 3-D Gaussian becomes a 2-D one.
@@ -404,6 +414,9 @@ impl RenderConfig {
                 capabilities.device
             ));
         }
+        if self.expansion == Expansion::Tiles {
+            self.check_tiles(capabilities)?;
+        }
         if self.target == TargetFormat::Rgba32F && !capabilities.blend_rgba32f {
             return refuse(format!(
                 "target-format rgba32f: {} does not blend 32-bit floats; choose rgba16f",
@@ -493,6 +506,21 @@ impl RenderConfig {
             return Ok(());
         };
         Err(ConfigError(format!("lens {}: {reason}", self.lens)))
+    }
+
+    fn check_tiles(&self, capabilities: &crate::gpu::Capabilities) -> Result<(), ConfigError> {
+        let reason = if !capabilities.subgroup_shuffle {
+            "the device's compute stages exchange nothing within subgroups of 8 and more; choose precomputed"
+        } else if self.lens != Lens::Perspective {
+            "tiles know where splats lie in perspective only; choose precomputed"
+        } else if self.composite == Composite::BackToFront {
+            "tiles are blended front to back; choose composite front-to-back or early-stop"
+        } else if self.radius == RadiusRule::Tiles {
+            "the trainers' tiles are those of polygons; choose another radius, or precomputed"
+        } else {
+            return Ok(());
+        };
+        Err(ConfigError(format!("expansion tiles: {reason}")))
     }
 
     /// Whether early stop looks for saturated pixels in predicted tiles only.

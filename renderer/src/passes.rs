@@ -28,6 +28,8 @@ pub(crate) enum FullScreen {
     /// Marks them in a list of tiles.
     MarkTiles,
     Resolve,
+    /// Puts what compute passes blended where fragments would have blended it.
+    ShowTiles,
 }
 
 /// The compute passes before drawing.
@@ -37,6 +39,12 @@ pub(crate) enum Preparation {
     Plan,
     Emit,
     Schedule,
+    /// Splats by tiles.
+    TileSplats,
+    TileScan,
+    TileList,
+    /// With or without counting layers.
+    TileBlend(bool),
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -60,8 +68,8 @@ pub(crate) struct Passes {
     pipelines: HashMap<PipelineKey, vk::Pipeline>,
 }
 
-/// Storage buffers that a stage of a pipeline may see: of parts, of geometry, of harmonics, of motion, of a frame.
-pub(crate) const STORAGE_BUFFERS: u32 = 1 + 4 + 4 + 2 + 10;
+/// Storage buffers that a stage of a pipeline may see: of parts, of geometry, of harmonics, of motion, of a frame, of tiles.
+pub(crate) const STORAGE_BUFFERS: u32 = 1 + 4 + 4 + 2 + 10 + 3;
 /// Bytes of push constants that all pipelines share.
 pub(crate) const PUSH_BYTES: u32 = 32;
 
@@ -111,6 +119,10 @@ impl Passes {
                 image(0, vk::DescriptorType::INPUT_ATTACHMENT),
                 image(1, vk::DescriptorType::COMBINED_IMAGE_SAMPLER),
                 image(2, vk::DescriptorType::COMBINED_IMAGE_SAMPLER),
+                // Splats by tiles: splats, lists, pixels.
+                binding(3, storage, 1),
+                binding(4, storage, 1),
+                binding(5, storage, 1),
             ],
         ];
         let buffers = sets.iter().flatten().filter(|b| b.descriptor_type == storage);
@@ -214,6 +226,11 @@ impl Passes {
             Preparation::Plan => modules::PLAN_COMP,
             Preparation::Emit => modules::EMIT_COMP,
             Preparation::Schedule => modules::SCHEDULE_COMP,
+            Preparation::TileSplats => modules::TILE_SPLATS_COMP,
+            Preparation::TileScan => modules::TILE_SCAN_COMP,
+            Preparation::TileList => modules::TILE_LIST_COMP,
+            Preparation::TileBlend(false) => modules::TILE_BLEND_COMP,
+            Preparation::TileBlend(true) => modules::TILE_BLEND_COMP_COUNT,
         };
         let constants = Constants::from(&specialization);
         let pipeline = pipeline::compute(&self.gpu, self.cache, self.layout, code, &constants)?;
@@ -333,10 +350,18 @@ impl Passes {
         let vertex = match (what, pass.view_mask) {
             (FullScreen::MarkTiles, 0) => modules::MARK_VERT,
             (FullScreen::MarkTiles, _) => modules::MARK_VERT_MULTIVIEW,
-            (FullScreen::Mark | FullScreen::Resolve, _) => modules::FULLSCREEN_VERT,
+            (FullScreen::Mark | FullScreen::Resolve | FullScreen::ShowTiles, _) => modules::FULLSCREEN_VERT,
         };
-        let mark = what != FullScreen::Resolve;
-        let fragment = if mark { modules::MARK_FRAG } else { modules::RESOLVE_FRAG };
+        let mark = matches!(what, FullScreen::Mark | FullScreen::MarkTiles);
+        let show = what == FullScreen::ShowTiles;
+        let fragment = match (what, pass.view_mask, pass.count) {
+            (FullScreen::Mark | FullScreen::MarkTiles, ..) => modules::MARK_FRAG,
+            (FullScreen::Resolve, ..) => modules::RESOLVE_FRAG,
+            (FullScreen::ShowTiles, 0, false) => modules::TILE_SHOW_FRAG,
+            (FullScreen::ShowTiles, 0, true) => modules::TILE_SHOW_FRAG_COUNT,
+            (FullScreen::ShowTiles, _, false) => modules::TILE_SHOW_FRAG_MULTIVIEW,
+            (FullScreen::ShowTiles, _, true) => modules::TILE_SHOW_FRAG_MULTIVIEW_COUNT,
+        };
         // A mark writes depth alone.
         let marked = [vk::PipelineColorBlendAttachmentState::default(); 2];
         let pipeline = GraphicsPipeline {
@@ -345,10 +370,14 @@ impl Passes {
             input: vk::PipelineVertexInputStateCreateInfo::default(),
             topology: vk::PrimitiveTopology::TRIANGLE_LIST,
             depth: mark.then_some(Depth { compare: vk::CompareOp::LESS, write: true }),
-            blends: if mark { &marked[..pass.colours()] } else { &[replaced()] },
+            blends: match (mark, show) {
+                (true, _) => &marked[..pass.colours()],
+                (_, true) => &[replaced(); 2][..pass.colours()],
+                _ => &[replaced()],
+            },
             layout: self.layout,
             pass: self.pass(pass)?,
-            subpass: u32::from(!mark),
+            subpass: u32::from(what == FullScreen::Resolve),
         };
         let pipeline = pipeline.make(&self.gpu, self.cache)?;
         self.pipelines.insert(key, pipeline);

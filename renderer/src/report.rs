@@ -24,7 +24,8 @@ pub struct FrameReport {
     pub vertices: u64,
     /// Primitives that reached the rasteriser.
     pub primitives: u64,
-    /// Fragment-stage invocations of splats; some drivers leave out fragments that end early.
+    /// Fragment-stage invocations of splats; some drivers leave out fragments that end early. By tiles, pixels that splats
+    /// were blended into.
     pub fragments: u64,
     /// Pixels of the marks between batches, over whole images or in the tiles that are due.
     pub full_screen_fragments: u64,
@@ -88,7 +89,9 @@ pub(crate) struct Queries {
     gpu: Arc<Gpu>,
     stamps: vk::QueryPool,
     statistics: vk::QueryPool,
-    /// Statistics that were taken in this frame.
+    /// Stamps that were written in this frame.
+    stamped: u32,
+    /// Statistics that were taken in it.
     counted: u32,
 }
 
@@ -98,6 +101,7 @@ impl Queries {
             gpu: gpu.clone(),
             stamps: vk::QueryPool::null(),
             statistics: vk::QueryPool::null(),
+            stamped: 0,
             counted: 0,
         };
         if gpu.capabilities.timestamp_period > 0.0 {
@@ -124,6 +128,7 @@ impl Queries {
     }
 
     pub fn reset(&mut self, commands: vk::CommandBuffer) {
+        self.stamped = 0;
         self.counted = 0;
         // SAFETY: recorded outside any render pass, before any use of the queries.
         unsafe {
@@ -136,7 +141,8 @@ impl Queries {
         }
     }
 
-    pub fn stamp(&self, commands: vk::CommandBuffer, index: u32) {
+    pub fn stamp(&mut self, commands: vk::CommandBuffer, index: u32) {
+        self.stamped += 1;
         if self.stamps != vk::QueryPool::null() {
             // SAFETY: each stamp is written once a frame, outside render passes.
             unsafe {
@@ -179,7 +185,7 @@ impl Queries {
 
     /// Reads the results of a frame that is done. A frame that drew nothing has none.
     pub fn read(&self, report: &mut FrameReport) -> Result<(), GpuError> {
-        if self.counted == 0 {
+        if self.stamped < STAMPS {
             return Ok(());
         }
         let device = self.gpu.device();
@@ -198,7 +204,7 @@ impl Queries {
             report.prepare_ns = ns(1, 2);
             report.draw_ns = ns(2, 3);
         }
-        if self.statistics != vk::QueryPool::null() {
+        if self.statistics != vk::QueryPool::null() && self.counted > 0 {
             let mut counts = [[0u64; 3]; MOST_STATISTICS as usize];
             let counts = &mut counts[..self.counted.min(MOST_STATISTICS) as usize];
             let flags = vk::QueryResultFlags::TYPE_64;

@@ -34,7 +34,7 @@ impl Traffic {
         let splat = scene.geometry.splat_bytes + motion + harmonics + 4;
         let corners = u64::from(config.shape.corners());
         let (scene, records) = match config.expansion {
-            Expansion::Precomputed => {
+            Expansion::Precomputed | Expansion::Tiles => {
                 let words = RECORD_WORDS[config.projection as usize];
                 (splats * splat, 2 * u64::from(report.visible) * 4 * u64::from(words) * views)
             }

@@ -160,6 +160,7 @@ impl Workspace {
             report.visible += plan.visible;
             report.predicted_fragments += plan.area;
             report.predicted_unhidden += plan.unhidden;
+            report.fragments += u64::from(plan.blended);
             if marked_by_plan {
                 let tile = report.pixels as f64 / f64::from(report.views * TILES);
                 report.full_screen_fragments += (f64::from(plan.marked) * tile).round() as u64;

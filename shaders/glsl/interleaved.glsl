@@ -27,13 +27,17 @@ uint sample_column(uint cell, uint row) {
     return begin + (eighths * count >> 3);
 }
 
-#ifdef FRAGMENT
 // How far a sample lies to the right of its rendered pixel's centre, rendered pixels.
-float sample_offset() {
-    // ±1/4 by rows: half of y, that is of n + 1/2, has the fraction 1/4 or 3/4; an odd step exchanges them.
-    if (CHECKERBOARD) return fract(0.5 * gl_FragCoord.y + frame.sort_center.w) - 0.5;
-    uvec2 pixel = uvec2(gl_FragCoord.xy);
+float sample_offset(uvec2 pixel) {
+    // ±1/4 by rows: half of y + 1/2 has the fraction 1/4 or 3/4; an odd step exchanges them.
+    if (CHECKERBOARD) return fract(0.5 * (float(pixel.y) + 0.5) + frame.sort_center.w) - 0.5;
     return (float(sample_column(pixel.x, pixel.y)) + 0.5) * (65536.0 / float(frame.sampling.x)) - (float(pixel.x) + 0.5);
+}
+
+#ifdef FRAGMENT
+float sample_offset() {
+    if (CHECKERBOARD) return fract(0.5 * gl_FragCoord.y + frame.sort_center.w) - 0.5;
+    return sample_offset(uvec2(gl_FragCoord.xy));
 }
 #endif
 

@@ -45,6 +45,7 @@ struct Plan {
     float area;                   // predicted pixels of all polygons, before any early stop
     float unhidden;               // of those, predicted pixels that early stop leaves
     uint marked;                  // tiles that are marked, all batches and views together
+    uint blended;                 // pixels that splats were blended into, all of them together (splats by tiles)
     uint bin_ends[BINS];          // first entry after each bin in the list of visible splats
 };
 

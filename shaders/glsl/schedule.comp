@@ -100,5 +100,6 @@ void main() {
         }
         plan.starts[batches] = plan.visible;
         plan.marked = marked;
+        plan.blended = 0u;
     }
 }

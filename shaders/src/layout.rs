@@ -18,6 +18,14 @@ pub const DEPTH_TABLE_BYTES: u64 = BINS as u64 * 2 * TILES as u64 * 4;
 pub const DUE_BYTES: u64 = MAX_BATCHES as u64 * 2 * TILES as u64 * 4;
 /// 32-bit words of a record: of the affine, the tangent and the exact projection.
 pub const RECORD_WORDS: [u32; 3] = [7, 8, 12];
+/// Splats by tiles: pixels along a tile.
+pub const TILE_PIXELS: u32 = 16;
+/// Splats by tiles: runs that the order is cut into.
+pub const TILE_RUNS: u32 = 64;
+/// Splats by tiles: invocations of a workgroup.
+pub const TILE_LANES: u32 = 8;
+/// Splats by tiles: 32-bit words that tiles need to know of a splat, by projection.
+pub const TILE_SPLAT_WORDS: [u32; 3] = [13, 13, 18];
 /// 32-bit words of a splat's geometry in f32.
 pub const GEOMETRY_WORDS_F32: u32 = 14;
 /// 32-bit words of a splat's geometry in 16-bit forms.
@@ -118,6 +126,8 @@ pub struct Plan {
     pub unhidden: f32,
     /// Tiles that are marked, all batches and views together.
     pub marked: u32,
+    /// Pixels that splats were blended into, all of them together (splats by tiles).
+    pub blended: u32,
     /// First entry after each bin in the list of visible splats.
     pub bin_ends: [u32; BINS],
 }

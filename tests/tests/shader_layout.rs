@@ -23,7 +23,7 @@ fn structures_have_the_offsets_that_reflection_sees() {
     assert_eq!(plan.offsets("Draw"), draws);
     let marks = offsets!(MarkDraw: vertex_count, instance_count, first_vertex, first_instance);
     assert_eq!(plan.offsets("MarkDraw"), marks);
-    let mut plans = offsets!(Plan: draws, marks, starts, visible, area, unhidden, marked, bin_ends);
+    let mut plans = offsets!(Plan: draws, marks, starts, visible, area, unhidden, marked, blended, bin_ends);
     assert_eq!(plan.offsets("Plan"), plans);
     // Control: an offset that is off by a word is seen.
     plans.insert("area".to_owned(), offset_of!(Plan, area) as u32 + 4);

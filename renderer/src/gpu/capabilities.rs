@@ -33,6 +33,9 @@ pub struct Capabilities {
     pub density_map: bool,
     /// Subgroup size.
     pub subgroup_size: u32,
+    /// Compute stages exchange values within subgroups of 8 invocations and more: splats by tiles.
+    #[serde(default)]
+    pub subgroup_shuffle: bool,
     /// Bytes of one storage-buffer binding.
     pub max_storage_range: u64,
     /// Side of the largest image.
@@ -107,6 +110,13 @@ impl Capabilities {
             blend_rgba32f: float32.optimal_tiling_features.contains(blended),
             density_map,
             subgroup_size: subgroup.subgroup_size,
+            subgroup_shuffle: subgroup.subgroup_size >= motes_shaders::layout::TILE_LANES
+                && subgroup.supported_stages.contains(vk::ShaderStageFlags::COMPUTE)
+                && subgroup.supported_operations.contains(
+                    vk::SubgroupFeatureFlags::BASIC
+                        | vk::SubgroupFeatureFlags::VOTE
+                        | vk::SubgroupFeatureFlags::SHUFFLE,
+                ),
             max_storage_range: u64::from(limits.max_storage_buffer_range),
             max_image_side: limits
                 .max_image_dimension2_d

@@ -261,6 +261,7 @@ mod tests {
                 blend_rgba32f: true,
                 density_map: true,
                 subgroup_size: 64,
+                subgroup_shuffle: true,
                 max_storage_range: 1 << 27,
                 max_image_side: 16384,
                 software: false,

@@ -30,12 +30,12 @@ impl Renderer {
     ) -> Result<(), GpuError> {
         let DrawRequest { target, config, .. } = *request;
         let rendered = reduction.resolution.rendered;
-        let stages = match config.expansion {
-            Expansion::Precomputed => Stages::Precomputed,
-            Expansion::Instanced => Stages::Instanced,
-            Expansion::Geometry => Stages::Geometry,
+        let splats = match config.expansion {
+            Expansion::Precomputed => self.passes.splats(pass, Stages::Precomputed, specialization)?,
+            Expansion::Instanced => self.passes.splats(pass, Stages::Instanced, specialization)?,
+            Expansion::Geometry => self.passes.splats(pass, Stages::Geometry, specialization)?,
+            Expansion::Tiles => self.passes.full_screen(pass, FullScreen::ShowTiles)?,
         };
-        let splats = self.passes.splats(pass, stages, specialization)?;
         let resolve = match pass.output {
             Some(_) => Some(self.passes.full_screen(pass, FullScreen::Resolve)?),
             None => None,
@@ -94,6 +94,13 @@ impl Renderer {
         let layer_index = layer.unwrap_or(0) as u32;
         // An eye that is drawn by itself is the only view of its part.
         let view = if request.views.len() == 1 { 0 } else { layer_index };
+        let tiles = match config.expansion {
+            Expansion::Tiles => {
+                let views = if pass.view_mask == 0 { view..view + 1 } else { 0..2 };
+                Some(self.record_tiles(slot, views, rendered, specialization, sets)?)
+            }
+            _ => None,
+        };
         let marks = if pass.early_stop { batches - 1 } else { 0 };
         let report = &mut self.slots[slot].report;
         let follows = if follow.is_some() { batches.div_ceil(FOLLOWED_BATCHES) } else { 0 };
@@ -112,8 +119,14 @@ impl Renderer {
             }
             let counted = if pass.view_mask == 0 { 1 } else { 2 };
             for batch in 0..batches {
-                self.slots[slot].queries.begin_statistics(commands, counted);
                 device.cmd_bind_pipeline(commands, graphics, splats);
+                if let Some((set, push)) = &tiles {
+                    device.cmd_bind_descriptor_sets(commands, graphics, layout, 3, &[*set], &[]);
+                    device.cmd_push_constants(commands, layout, push_stages, 0, bytemuck::cast_slice(push));
+                    device.cmd_draw(commands, 3, 1, 0, 0);
+                    break;
+                }
+                self.slots[slot].queries.begin_statistics(commands, counted);
                 let [first, last] = [batch, batch + 1]
                     .map(|b| (u64::from(self.ordered) * u64::from(b) / u64::from(batches)) as u32);
                 let push = [batch, view, first, last];
@@ -135,6 +148,8 @@ impl Renderer {
                         );
                     }
                     Expansion::Geometry => device.cmd_draw(commands, last - first, 1, 0, 0),
+                    // Blended already.
+                    Expansion::Tiles => {}
                 }
                 self.slots[slot].queries.end_statistics(commands, counted);
                 let mark = mark.filter(|_| batch + 1 < batches);

@@ -11,6 +11,7 @@ mod order;
 mod part_list;
 mod prepare;
 mod readout;
+mod tiles;
 mod upscale;
 
 pub use frame_data::midpoint;
@@ -40,6 +41,7 @@ use readout::ReadoutKey;
 use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
+use tiles::Tiles;
 use upscale::{Reduction, Upscaler};
 
 /// Frames that may be under way at once.
@@ -177,6 +179,7 @@ pub struct Renderer {
     background: [f32; 3],
     hidden: Hidden,
     median: Median,
+    tiles: Tiles,
     readouts: FullScreenPasses<ReadoutKey>,
     upscaler: Upscaler,
     /// Of the newest frame that is done.
@@ -207,6 +210,7 @@ impl Renderer {
             background: [0.0; 3],
             hidden: Hidden::new(gpu),
             median: Median::new(gpu),
+            tiles: Tiles::new(gpu),
             readouts: FullScreenPasses::new(gpu),
             upscaler: Upscaler::new(gpu)?,
             finished: FrameReport::default(),
@@ -487,10 +491,11 @@ impl Renderer {
         slot.report.pixels = width * height * views.len() as u64;
         let [width, height] = target.size.map(u64::from);
         slot.report.shown_pixels = width * height * views.len() as u64;
+        let tiles = config.expansion == Expansion::Tiles;
         let batches = if config.composite == Composite::EarlyStop { config.batches } else { 1 };
         slot.marks_due = config.marks_due();
         slot.report.full_screen_fragments =
-            if slot.marks_due { 0 } else { slot.report.pixels * u64::from(batches - 1) };
+            if slot.marks_due || tiles { 0 } else { slot.report.pixels * u64::from(batches - 1) };
         Ok(())
     }
 
@@ -515,10 +520,11 @@ impl Renderer {
         if part == 0 {
             self.slots[frame.slot].queries.stamp(commands, 1);
         }
-        let early_stop = config.composite == Composite::EarlyStop;
+        // Tiles stop by themselves.
+        let early_stop = config.composite == Composite::EarlyStop && config.expansion != Expansion::Tiles;
         let batches = if early_stop { config.batches } else { 1 };
 
-        if config.expansion == Expansion::Precomputed {
+        if config.expansion.writes_records() {
             self.record_preparation(commands, self.ordered, &sets, specialization)?;
             self.slots[frame.slot].report.dispatches += PREPARATION_DISPATCHES;
         }
@@ -543,6 +549,7 @@ impl Renderer {
                 count: self.count_layers,
                 median: target.depth.is_some(),
                 density: target.density.is_some()
+                    && config.expansion != Expansion::Tiles
                     && self.gpu.capabilities.density_map
                     && view_mask != 0
                     && !reduction.further_pass,
@@ -562,7 +569,7 @@ impl Renderer {
             self.record_readouts(frame.slot, request, pass, layer, &reduction.resolution)?;
         }
         if let Some(workspace) = &mut self.workspace
-            && config.expansion == Expansion::Precomputed
+            && config.expansion.writes_records()
         {
             workspace.copy_plan(&self.gpu, commands, frame.slot, part);
             self.slots[frame.slot].parts = part + 1;

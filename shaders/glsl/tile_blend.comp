@@ -1,0 +1,138 @@
+#version 460
+// Splats by tiles: one workgroup a tile, whose pixels stay in registers while its splats are blended front to back in full
+// precision, until all of them are finished.
+//
+// Every invocation fetches one splat, and all of them blend the eight splats one after the other: a processor's vector fetches
+// from as many places one by one, so that what each of them fetched for itself would take longer than what it is for.
+#extension GL_KHR_shader_subgroup_basic : require
+#extension GL_KHR_shader_subgroup_shuffle : require
+#extension GL_KHR_shader_subgroup_vote : require
+#extension GL_EXT_control_flow_attributes : require
+#include "interleaved.glsl"
+#include "tile_lists.glsl"
+
+layout(local_size_x = LANES) in;
+layout(set = 3, binding = 5, std430) writeonly buffer TilePixels { vec4 pixels[]; }; // view, pixel; then what is counted
+
+const int STRIPES = SIDE / int(LANES); // of a row of pixels
+const int HELD = STRIPES * SIDE;       // pixels that an invocation holds
+
+vec4 sums[HELD]; // colour; what comes through
+float beside[HELD]; // of samples, pixels to the right
+#ifdef COUNT
+vec2 layers[HELD]; // shaded; blended
+#endif
+
+vec3 shuffled(vec3 v, uint lane) {
+    return vec3(subgroupShuffle(v.x, lane), subgroupShuffle(v.y, lane), subgroupShuffle(v.z, lane));
+}
+
+void main() {
+    uvec2 tile = gl_WorkGroupID.xy;
+    uint layer = gl_WorkGroupID.z;
+    uint lane = gl_SubgroupInvocationID;
+    ivec2 corner = ivec2(tile) * SIDE;
+    float stop_below = frame.counts.y > 1u ? frame.filters.z : 0.0;
+    [[unroll]] for (int i = 0; i < HELD; i++) {
+        sums[i] = vec4(0.0, 0.0, 0.0, 1.0);
+        beside[i] = 0.0;
+        uvec2 pixel = uvec2(corner) + uvec2(lane + LANES * uint(i / SIDE), i % SIDE);
+        if (SAMPLING != SAMPLING_CENTERS) beside[i] = sample_offset(pixel);
+#ifdef COUNT
+        layers[i] = vec2(0.0);
+#endif
+    }
+    // The last run's end, and where it lay in the tile before.
+    uint last = end_at(layer, tile.y * push.columns + tile.x, RUNS - 1u);
+    uint at = last >= RUNS ? lists[last - RUNS] : 0u;
+    uint end = lists[last];
+    // A list that had no room: all splats, most of which miss the tile.
+    bool listed = end <= push.capacity;
+    if (!listed) {
+        at = 0u;
+        end = plan.visible;
+    }
+    uint hits = 0u;
+    for (; at < end; at += LANES) {
+        uint entry = min(at + lane, end - 1u);
+        uint rank = entry;
+        if (listed) rank = lists[entry_at(entry)];
+        TileSplat own = load_tile_splat(layer, rank);
+        vec2 to_corner = vec2(corner - own.box.xy);
+        own.p.x += dot(own.p.yz, to_corner);
+        own.q.x += dot(own.q.yz, to_corner);
+        own.ahead.x += dot(own.ahead.yz, to_corner);
+        vec4 own_color = vec4(unpackHalf2x16(own.rg), unpackHalf2x16(own.ba));
+        float k = polygon_radius(own_color.a);
+        float own_least = max(MIN_ALPHA, own_color.a * exp2(-HALF_LOG2_E * k * k));
+        ivec4 own_box = own.box - corner.xyxy;
+        uint count = min(LANES, end - at);
+        for (uint i = 0u; i < count; i++) {
+            ivec4 box = ivec4(subgroupShuffle(own_box.x, i), subgroupShuffle(own_box.y, i),
+                              subgroupShuffle(own_box.z, i), subgroupShuffle(own_box.w, i));
+            vec3 p = shuffled(own.p, i), q = shuffled(own.q, i), ahead = shuffled(own.ahead, i);
+            vec3 color = shuffled(own_color.rgb, i);
+            float opacity = subgroupShuffle(own_color.a, i);
+            float least = subgroupShuffle(own_least, i);
+            vec2 lean = vec2(0.0);
+            vec3 quadratic = vec3(0.0);
+            if (PROJECTION == PROJECTION_EXACT) {
+                lean = vec2(subgroupShuffle(own.lean.x, i), subgroupShuffle(own.lean.y, i));
+                quadratic = shuffled(own.quadratic, i);
+            }
+            [[unroll]] for (int stripe = 0; stripe < STRIPES; stripe++) {
+                int left = stripe * int(LANES);
+                [[dont_flatten]] if (box.x < left + int(LANES) && box.z >= left) {
+                    float x = float(left) + float(lane);
+                    vec3 at_top = vec3(p.x + p.y * x, q.x + q.y * x, ahead.x + ahead.y * x);
+                    [[unroll]] for (int row = 0; row < SIDE; row++) {
+                        [[dont_flatten]] if (row >= box.y && row <= box.w) {
+                            int pixel = stripe * SIDE + row;
+                            vec3 on = at_top + vec3(p.z, q.z, ahead.z) * float(row);
+                            if (SAMPLING != SAMPLING_CENTERS) on += vec3(p.y, q.y, ahead.y) * beside[pixel];
+                            float d2 = dot(on.xy, on.xy);
+                            bool before = true;
+                            if (PROJECTION == PROJECTION_TANGENT) {
+                                d2 /= on.z * on.z;
+                                before = on.z > 0.0;
+                            }
+                            if (PROJECTION == PROJECTION_EXACT) {
+                                float along = dot(lean, on.xy);
+                                before = on.z - along > 0.0;
+                                d2 /= on.z * on.z - 2.0 * on.z * along + quadratic.x * on.x * on.x + quadratic.y * on.x * on.y
+                                    + quadratic.z * on.y * on.y;
+                            }
+                            // Far outside nothing is left; not so little that it is a subnormal number, which takes many
+                            // times as long.
+                            float alpha = opacity * exp2(max(-HALF_LOG2_E * d2, -64.0));
+                            bool hit = before && alpha >= least;
+                            hits += uint(hit);
+                            alpha = hit ? min(alpha, MAX_ALPHA) : 0.0;
+                            vec4 sum = sums[pixel];
+                            float weight = sum.a * alpha;
+                            sums[pixel] = vec4(sum.rgb + color * weight, sum.a - weight);
+#ifdef COUNT
+                            layers[pixel] += vec2(1.0, hit);
+#endif
+                        }
+                    }
+                }
+            }
+        }
+        float clearest = 0.0;
+        [[unroll]] for (int i = 0; i < HELD; i++) clearest = max(clearest, sums[i].a);
+        if (!subgroupAny(!(clearest < stop_below))) break;
+    }
+    atomicAdd(plan.blended, hits);
+    uint image = push.width * push.height;
+    [[unroll]] for (int i = 0; i < HELD; i++) {
+        uvec2 pixel = uvec2(corner) + uvec2(lane + LANES * uint(i / SIDE), i % SIDE);
+        if (pixel.x < push.width && pixel.y < push.height) {
+            uint place = layer * image + pixel.y * push.width + pixel.x;
+            pixels[place] = vec4(sums[i].rgb, 1.0 - sums[i].a);
+#ifdef COUNT
+            pixels[push.views * image + place] = vec4(layers[i], 0.0, 0.0);
+#endif
+        }
+    }
+}
