@@ -14,7 +14,7 @@ const uint LANES = 8u;  // invocations of a workgroup: one vector of a processor
 layout(set = 2, binding = 1, std430) readonly buffer Records { uint words[]; } records[2];
 layout(set = 2, binding = 5, std430) buffer PlanBuffer { Plan plan; };
 layout(set = 2, binding = 6, std430) readonly buffer Visible { uint visible[]; };
-layout(set = 3, binding = 3, std430) buffer TileSplats { uint tile_splats[]; }; // view, splat, word
+layout(set = 3, binding = 3, std430) buffer TileSplats { uvec4 tile_splats[]; }; // view, splat, part
 // Where the entries of every view, tile and run begin, and once they are written end; then the entries: ranks of splats.
 layout(set = 3, binding = 4, std430) buffer TileLists { uint lists[]; };
 layout(push_constant) uniform Push {
@@ -48,45 +48,36 @@ struct TileSplat {
     vec3 quadratic;
 };
 
-uint tile_splat_words() { return PROJECTION == PROJECTION_EXACT ? 18u : 13u; }
-uint tile_splat_at(uint layer, uint rank) { return (layer * push.room + rank) * tile_splat_words(); }
-vec3 stored_floats(uint at) { return uintBitsToFloat(uvec3(tile_splats[at], tile_splats[at + 1u], tile_splats[at + 2u])); }
+// In fours of words: a processor fetches four at a time as fast as one.
+uint tile_splat_parts() { return PROJECTION == PROJECTION_EXACT ? 5u : 4u; }
+uint tile_splat_at(uint layer, uint rank) { return (layer * push.room + rank) * tile_splat_parts(); }
 
 TileSplat load_tile_splat(uint layer, uint rank) {
     uint at = tile_splat_at(layer, rank);
+    uvec4 a = tile_splats[at], b = tile_splats[at + 1u], c = tile_splats[at + 2u], d = tile_splats[at + 3u];
     TileSplat s;
-    s.p = stored_floats(at);
-    s.q = stored_floats(at + 3u);
-    s.ahead = stored_floats(at + 6u);
-    s.rg = tile_splats[at + 9u];
-    s.ba = tile_splats[at + 10u];
-    uint x = tile_splats[at + 11u], y = tile_splats[at + 12u];
-    s.box = ivec4(x & 0xffffu, y & 0xffffu, x >> 16, y >> 16);
+    s.p = uintBitsToFloat(a.xyz);
+    s.q = uintBitsToFloat(b.xyz);
+    s.ahead = uintBitsToFloat(c.xyz);
+    s.rg = a.w;
+    s.ba = b.w;
+    s.box = ivec4(c.w & 0xffffu, d.w & 0xffffu, c.w >> 16, d.w >> 16);
     s.lean = vec2(0.0);
     s.quadratic = vec3(0.0);
     if (PROJECTION == PROJECTION_EXACT) {
-        s.lean = uintBitsToFloat(uvec2(tile_splats[at + 13u], tile_splats[at + 14u]));
-        s.quadratic = stored_floats(at + 15u);
+        s.quadratic = uintBitsToFloat(d.xyz);
+        s.lean = uintBitsToFloat(tile_splats[at + 4u].xy);
     }
     return s;
 }
 
 void store_tile_splat(uint layer, uint rank, TileSplat s) {
     uint at = tile_splat_at(layer, rank);
-    for (int i = 0; i < 3; i++) {
-        tile_splats[at + i] = floatBitsToUint(s.p[i]);
-        tile_splats[at + 3u + i] = floatBitsToUint(s.q[i]);
-        tile_splats[at + 6u + i] = floatBitsToUint(s.ahead[i]);
-    }
-    tile_splats[at + 9u] = s.rg;
-    tile_splats[at + 10u] = s.ba;
-    tile_splats[at + 11u] = uint(s.box.x) | uint(s.box.z) << 16;
-    tile_splats[at + 12u] = uint(s.box.y) | uint(s.box.w) << 16;
-    if (PROJECTION == PROJECTION_EXACT) {
-        tile_splats[at + 13u] = floatBitsToUint(s.lean.x);
-        tile_splats[at + 14u] = floatBitsToUint(s.lean.y);
-        for (int i = 0; i < 3; i++) tile_splats[at + 15u + i] = floatBitsToUint(s.quadratic[i]);
-    }
+    tile_splats[at] = uvec4(floatBitsToUint(s.p), s.rg);
+    tile_splats[at + 1u] = uvec4(floatBitsToUint(s.q), s.ba);
+    tile_splats[at + 2u] = uvec4(floatBitsToUint(s.ahead), uint(s.box.x) | uint(s.box.z) << 16);
+    tile_splats[at + 3u] = uvec4(floatBitsToUint(s.quadratic), uint(s.box.y) | uint(s.box.w) << 16);
+    if (PROJECTION == PROJECTION_EXACT) tile_splats[at + 4u] = uvec4(floatBitsToUint(s.lean), 0u, 0u);
 }
 
 #endif

@@ -25,7 +25,7 @@ pub const TILE_RUNS: u32 = 64;
 /// Splats by tiles: invocations of a workgroup.
 pub const TILE_LANES: u32 = 8;
 /// Splats by tiles: 32-bit words that tiles need to know of a splat, by projection.
-pub const TILE_SPLAT_WORDS: [u32; 3] = [13, 13, 18];
+pub const TILE_SPLAT_WORDS: [u32; 3] = [16, 16, 20];
 /// 32-bit words of a splat's geometry in f32.
 pub const GEOMETRY_WORDS_F32: u32 = 14;
 /// 32-bit words of a splat's geometry in 16-bit forms.
