@@ -57,8 +57,8 @@ impl Budget {
             return None;
         }
         let fragments = match config.expansion {
-            Expansion::Precomputed | Expansion::Tiles => f64::from(report.predicted_unhidden),
-            _ if report.vertices == 0 => return None,
+            Expansion::Precomputed => f64::from(report.predicted_unhidden),
+            Expansion::Instanced | Expansion::Geometry if report.vertices == 0 => return None,
             _ => report.fragments as f64,
         };
         let layers = fragments / report.shown_pixels as f64;

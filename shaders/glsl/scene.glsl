@@ -6,7 +6,7 @@
 #include "parts.glsl"
 
 // A stream may be larger than one binding may be (128 MiB on Adreno): up to four bindings, split at a power of two.
-layout(set = 1, binding = 0, std430) readonly buffer Geometry { uint words[]; } geometry_stream[4];
+layout(set = 1, binding = 0, std430) readonly buffer Geometry { uvec2 pairs[]; } geometry_stream[4];
 layout(set = 1, binding = 1, std430) readonly buffer Harmonics { uint words[]; } sh_stream[4];
 layout(set = 1, binding = 2, std430) readonly buffer MotionStream { uint words[]; } motion_stream[2];
 
@@ -27,14 +27,16 @@ uint sh_words() {
     return (values + 2u + 3u) / 4u; // a half-float scale, then bytes
 }
 
-uint geometry_word(uint splat, uint word) {
-    if (GEOMETRY_SLOTS == 1u) return geometry_stream[0].words[splat * geometry_words() + word];
-    uint at = (splat & ((1u << GEOMETRY_SHIFT) - 1u)) * geometry_words() + word;
+// Two words at once: a processor fetches them as fast as one.
+uvec2 geometry_pair(uint splat, uint pair) {
+    uint pairs = geometry_words() / 2u;
+    if (GEOMETRY_SLOTS == 1u) return geometry_stream[0].pairs[splat * pairs + pair];
+    uint at = (splat & ((1u << GEOMETRY_SHIFT) - 1u)) * pairs + pair;
     switch (splat >> GEOMETRY_SHIFT) {
-        case 0: return geometry_stream[0].words[at];
-        case 1: return geometry_stream[1].words[at];
-        case 2: return geometry_stream[2].words[at];
-        default: return geometry_stream[3].words[at];
+        case 0: return geometry_stream[0].pairs[at];
+        case 1: return geometry_stream[1].pairs[at];
+        case 2: return geometry_stream[2].pairs[at];
+        default: return geometry_stream[3].pairs[at];
     }
 }
 
@@ -49,13 +51,12 @@ uint sh_word(uint splat, uint word) {
     }
 }
 
-float geometry_float(uint splat, uint word) { return uintBitsToFloat(geometry_word(splat, word)); }
+vec2 geometry_floats(uint splat, uint pair) { return uintBitsToFloat(geometry_pair(splat, pair)); }
 
 vec3 splat_mean(uint i) {
-    if (PRECISION == PRECISION_F16_NAIVE) {
-        return vec3(unpackHalf2x16(geometry_word(i, 0u)), unpackHalf2x16(geometry_word(i, 1u)).x);
-    }
-    return vec3(geometry_float(i, 0u), geometry_float(i, 1u), geometry_float(i, 2u));
+    uvec2 xy = geometry_pair(i, 0u);
+    if (PRECISION == PRECISION_F16_NAIVE) return vec3(unpackHalf2x16(xy.x), unpackHalf2x16(xy.y).x);
+    return uintBitsToFloat(uvec3(xy, geometry_pair(i, 1u).x));
 }
 
 // Log-scales are stored in 16 bits over -24 ..= 12 (relative error of the scale: 2.8e-4).
@@ -79,24 +80,28 @@ Splat read_splat(uint i) {
     Splat s;
     s.mean = splat_mean(i);
     if (PRECISION == PRECISION_F32) {
-        s.opacity = geometry_float(i, 3u);
-        s.rotation = vec4(geometry_float(i, 4u), geometry_float(i, 5u), geometry_float(i, 6u), geometry_float(i, 7u));
-        s.scale = vec3(geometry_float(i, 8u), geometry_float(i, 9u), geometry_float(i, 10u));
-        s.base = vec3(geometry_float(i, 11u), geometry_float(i, 12u), geometry_float(i, 13u));
+        vec2 z_opacity = geometry_floats(i, 1u);
+        s.opacity = z_opacity.y;
+        s.rotation = vec4(geometry_floats(i, 2u), geometry_floats(i, 3u));
+        vec2 z_red = geometry_floats(i, 5u);
+        s.scale = vec3(geometry_floats(i, 4u), z_red.x);
+        s.base = vec3(z_red.y, geometry_floats(i, 6u));
     } else if (PRECISION == PRECISION_F16) {
-        uint xy = geometry_word(i, 3u);
-        uint zo = geometry_word(i, 4u);
-        s.scale = vec3(unpack_log_scale(xy & 0xffffu), unpack_log_scale(xy >> 16), unpack_log_scale(zo & 0xffffu));
-        s.opacity = float(zo >> 16) / 65535.0;
-        uint high = geometry_word(i, 6u);
-        s.rotation = unpack_rotation(geometry_word(i, 5u), high);
-        s.base = vec3(unpackHalf2x16(high).y, unpackHalf2x16(geometry_word(i, 7u)));
+        uint xy = geometry_pair(i, 1u).y;
+        uvec2 zo = geometry_pair(i, 2u); // and the rotation's low word
+        uvec2 high = geometry_pair(i, 3u);
+        s.scale = vec3(unpack_log_scale(xy & 0xffffu), unpack_log_scale(xy >> 16), unpack_log_scale(zo.x & 0xffffu));
+        s.opacity = float(zo.x >> 16) / 65535.0;
+        s.rotation = unpack_rotation(zo.y, high.x);
+        s.base = vec3(unpackHalf2x16(high.x).y, unpackHalf2x16(high.y));
     } else {
-        s.opacity = unpackHalf2x16(geometry_word(i, 1u)).y;
-        s.rotation = vec4(unpackHalf2x16(geometry_word(i, 2u)), unpackHalf2x16(geometry_word(i, 3u)));
-        vec2 z = unpackHalf2x16(geometry_word(i, 5u));
-        s.scale = vec3(unpackHalf2x16(geometry_word(i, 4u)), z.x);
-        s.base = vec3(z.y, unpackHalf2x16(geometry_word(i, 6u)));
+        s.opacity = unpackHalf2x16(geometry_pair(i, 0u).y).y;
+        uvec2 rotation = geometry_pair(i, 1u);
+        s.rotation = vec4(unpackHalf2x16(rotation.x), unpackHalf2x16(rotation.y));
+        uvec2 scale = geometry_pair(i, 2u);
+        vec2 z = unpackHalf2x16(scale.y);
+        s.scale = vec3(unpackHalf2x16(scale.x), z.x);
+        s.base = vec3(z.y, unpackHalf2x16(geometry_pair(i, 3u).x));
     }
     if (PARTS) s.opacity = shared_opacity(s.opacity, i);
     return s;

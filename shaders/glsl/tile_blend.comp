@@ -14,8 +14,10 @@
 layout(local_size_x = LANES) in;
 layout(set = 3, binding = 5, std430) writeonly buffer TilePixels { vec4 pixels[]; }; // view, pixel; then what is counted
 
-const int STRIPES = SIDE / int(LANES); // of a row of pixels
-const int HELD = STRIPES * SIDE;       // pixels that an invocation holds
+// Pixels that a workgroup blends at once, and how often they go into a tile's columns and rows.
+const ivec2 BLENDED = ivec2(4, 2);
+const ivec2 TIMES = SIDE / BLENDED;
+const int HELD = TIMES.x * TIMES.y; // pixels that an invocation holds
 
 vec4 sums[HELD]; // colour; what comes through
 float beside[HELD]; // of samples, pixels to the right
@@ -27,17 +29,19 @@ vec3 shuffled(vec3 v, uint lane) {
     return vec3(subgroupShuffle(v.x, lane), subgroupShuffle(v.y, lane), subgroupShuffle(v.z, lane));
 }
 
+// A pixel that an invocation holds, from the tile's corner.
+ivec2 held(int i, ivec2 own) { return ivec2(i / TIMES.y, i % TIMES.y) * BLENDED + own; }
+
 void main() {
     uvec2 tile = gl_WorkGroupID.xy;
     uint layer = gl_WorkGroupID.z;
     uint lane = gl_SubgroupInvocationID;
+    ivec2 own = ivec2(lane % uint(BLENDED.x), lane / uint(BLENDED.x));
     ivec2 corner = ivec2(tile) * SIDE;
-    float stop_below = frame.counts.y > 1u ? frame.filters.z : 0.0;
     [[unroll]] for (int i = 0; i < HELD; i++) {
         sums[i] = vec4(0.0, 0.0, 0.0, 1.0);
         beside[i] = 0.0;
-        uvec2 pixel = uvec2(corner) + uvec2(lane + LANES * uint(i / SIDE), i % SIDE);
-        if (SAMPLING != SAMPLING_CENTERS) beside[i] = sample_offset(pixel);
+        if (SAMPLING != SAMPLING_CENTERS) beside[i] = sample_offset(uvec2(corner + held(i, own)));
 #ifdef COUNT
         layers[i] = vec2(0.0);
 #endif
@@ -47,7 +51,7 @@ void main() {
     uint at = last >= RUNS ? lists[last - RUNS] : 0u;
     uint end = lists[last];
     // A list that had no room: all splats, most of which miss the tile.
-    bool listed = end <= push.capacity;
+    bool listed = end <= capacity();
     if (!listed) {
         at = 0u;
         end = plan.visible;
@@ -57,38 +61,39 @@ void main() {
         uint entry = min(at + lane, end - 1u);
         uint rank = entry;
         if (listed) rank = lists[entry_at(entry)];
-        TileSplat own = load_tile_splat(layer, rank);
-        vec2 to_corner = vec2(corner - own.box.xy);
-        own.p.x += dot(own.p.yz, to_corner);
-        own.q.x += dot(own.q.yz, to_corner);
-        own.ahead.x += dot(own.ahead.yz, to_corner);
-        vec4 own_color = vec4(unpackHalf2x16(own.rg), unpackHalf2x16(own.ba));
+        TileSplat s = load_tile_splat(layer, rank);
+        vec2 to_corner = vec2(corner - s.box.xy);
+        s.p.x += dot(s.p.yz, to_corner);
+        s.q.x += dot(s.q.yz, to_corner);
+        s.ahead.x += dot(s.ahead.yz, to_corner);
+        vec4 own_color = vec4(unpackHalf2x16(s.rg), unpackHalf2x16(s.ba));
         float k = polygon_radius(own_color.a);
         float own_least = max(MIN_ALPHA, own_color.a * exp2(-HALF_LOG2_E * k * k));
-        ivec4 own_box = own.box - corner.xyxy;
+        ivec4 own_box = s.box - corner.xyxy;
         uint count = min(LANES, end - at);
         for (uint i = 0u; i < count; i++) {
             ivec4 box = ivec4(subgroupShuffle(own_box.x, i), subgroupShuffle(own_box.y, i),
                               subgroupShuffle(own_box.z, i), subgroupShuffle(own_box.w, i));
-            vec3 p = shuffled(own.p, i), q = shuffled(own.q, i), ahead = shuffled(own.ahead, i);
+            vec3 p = shuffled(s.p, i), q = shuffled(s.q, i), ahead = shuffled(s.ahead, i);
             vec3 color = shuffled(own_color.rgb, i);
             float opacity = subgroupShuffle(own_color.a, i);
             float least = subgroupShuffle(own_least, i);
             vec2 lean = vec2(0.0);
             vec3 quadratic = vec3(0.0);
             if (PROJECTION == PROJECTION_EXACT) {
-                lean = vec2(subgroupShuffle(own.lean.x, i), subgroupShuffle(own.lean.y, i));
-                quadratic = shuffled(own.quadratic, i);
+                lean = vec2(subgroupShuffle(s.lean.x, i), subgroupShuffle(s.lean.y, i));
+                quadratic = shuffled(s.quadratic, i);
             }
-            [[unroll]] for (int stripe = 0; stripe < STRIPES; stripe++) {
-                int left = stripe * int(LANES);
-                [[dont_flatten]] if (box.x < left + int(LANES) && box.z >= left) {
-                    float x = float(left) + float(lane);
-                    vec3 at_top = vec3(p.x + p.y * x, q.x + q.y * x, ahead.x + ahead.y * x);
-                    [[unroll]] for (int row = 0; row < SIDE; row++) {
-                        [[dont_flatten]] if (row >= box.y && row <= box.w) {
-                            int pixel = stripe * SIDE + row;
-                            vec3 on = at_top + vec3(p.z, q.z, ahead.z) * float(row);
+            [[unroll]] for (int column = 0; column < TIMES.x; column++) {
+                int left = column * BLENDED.x;
+                [[dont_flatten]] if (box.x < left + BLENDED.x && box.z >= left) {
+                    vec2 at_top = vec2(own) + vec2(left, 0);
+                    vec3 top = vec3(p.x + dot(p.yz, at_top), q.x + dot(q.yz, at_top), ahead.x + dot(ahead.yz, at_top));
+                    [[unroll]] for (int row = 0; row < TIMES.y; row++) {
+                        int down = row * BLENDED.y;
+                        [[dont_flatten]] if (box.y < down + BLENDED.y && box.w >= down) {
+                            int pixel = column * TIMES.y + row;
+                            vec3 on = top + vec3(p.z, q.z, ahead.z) * float(down);
                             if (SAMPLING != SAMPLING_CENTERS) on += vec3(p.y, q.y, ahead.y) * beside[pixel];
                             float d2 = dot(on.xy, on.xy);
                             bool before = true;
@@ -121,12 +126,12 @@ void main() {
         }
         float clearest = 0.0;
         [[unroll]] for (int i = 0; i < HELD; i++) clearest = max(clearest, sums[i].a);
-        if (!subgroupAny(!(clearest < stop_below))) break;
+        if (!subgroupAny(!(clearest < push.stop_below))) break;
     }
     atomicAdd(plan.blended, hits);
     uint image = push.width * push.height;
     [[unroll]] for (int i = 0; i < HELD; i++) {
-        uvec2 pixel = uvec2(corner) + uvec2(lane + LANES * uint(i / SIDE), i % SIDE);
+        uvec2 pixel = uvec2(corner + held(i, own));
         if (pixel.x < push.width && pixel.y < push.height) {
             uint place = layer * image + pixel.y * push.width + pixel.x;
             pixels[place] = vec4(sums[i].rgb, 1.0 - sums[i].a);

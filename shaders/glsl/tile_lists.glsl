@@ -23,7 +23,7 @@ layout(push_constant) uniform Push {
     uint columns;   // of tiles
     uint rows;
     uint room;      // for splats
-    uint capacity;  // entries that there is room for
+    float stop_below; // what comes through a pixel that is finished; 0: none is
     uint width;     // of the rendered image, pixels
     uint height;
 } push;
@@ -32,6 +32,7 @@ uint tiles() { return push.columns * push.rows; }
 uint first_rank(uint run) { return min(run * ((plan.visible + RUNS - 1u) / RUNS), plan.visible); }
 uint end_at(uint layer, uint tile, uint run) { return (layer * tiles() + tile) * RUNS + run; }
 uint entry_at(uint place) { return push.views * tiles() * RUNS + place; }
+uint capacity() { return uint(lists.length()) - entry_at(0u); } // entries that there is room for
 
 // What a tile needs to know of a splat.
 //

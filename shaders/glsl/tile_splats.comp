@@ -142,6 +142,9 @@ void main() {
     uint run = gl_GlobalInvocationID.x;
     uint layer = gl_WorkGroupID.y;
     uint end = first_rank(run + 1u);
+#ifdef LIST
+    uint capacity = capacity();
+#endif
     for (uint rank = first_rank(run); rank < end; rank++) {
 #ifdef LIST
         TileSplat s = load_tile_splat(layer, rank);
@@ -158,7 +161,7 @@ void main() {
 #ifdef LIST
                 uint place = lists[at];
                 lists[at] = place + 1u;
-                if (place < push.capacity) lists[entry_at(place)] = rank;
+                if (place < capacity) lists[entry_at(place)] = rank;
 #else
                 lists[at]++;
 #endif

@@ -4,7 +4,7 @@ use super::frame_data::is_srgb;
 use super::median::FOLLOWED_BATCHES;
 use super::upscale::Reduction;
 use super::{Attachments, DrawRequest, Renderer};
-use crate::config::Expansion;
+use crate::config::{Composite, Expansion};
 use crate::gpu::{Buffer, GpuError, Image, ImageDescription};
 use crate::passes::{FullScreen, PUSH_BYTES, Stages};
 use crate::render_pass::{PassKey, SECOND_FORMAT};
@@ -97,7 +97,9 @@ impl Renderer {
         let tiles = match config.expansion {
             Expansion::Tiles => {
                 let views = if pass.view_mask == 0 { view..view + 1 } else { 0..2 };
-                Some(self.record_tiles(slot, views, rendered, specialization, sets)?)
+                let early = config.composite == Composite::EarlyStop;
+                let stop_below = if early { config.stop_below } else { 0.0 };
+                Some(self.record_tiles(slot, views, rendered, stop_below, specialization, sets)?)
             }
             _ => None,
         };

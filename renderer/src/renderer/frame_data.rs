@@ -2,7 +2,7 @@
 
 use super::DrawRequest;
 use super::upscale::Reduction;
-use crate::config::{Composite, OrderKey, RadiusRule, RenderConfig, Sorter, TargetFormat};
+use crate::config::{Composite, Expansion, OrderKey, RadiusRule, RenderConfig, Sorter, TargetFormat};
 use crate::resolution::{Resolution, Sampling};
 use crate::scene::SceneOnDevice;
 use crate::view::View;
@@ -99,7 +99,8 @@ pub(super) fn frame_data(
         // Whichever layer an eye by itself is drawn into.
         data.views[1] = data.views[0];
     }
-    let early_stop = config.composite == Composite::EarlyStop;
+    // Tiles stop by themselves, without batches.
+    let early_stop = config.composite == Composite::EarlyStop && config.expansion != Expansion::Tiles;
     let odd = 0.5 * (resolution.step & 1) as f32;
     data.sort_center = (midpoint(views) - scene.origin).as_vec3().extend(odd).to_array();
     data.cull = [config.near, config.near_fade, config.min_opacity, config.min_contribution];

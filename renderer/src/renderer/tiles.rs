@@ -114,6 +114,7 @@ impl Renderer {
         slot: usize,
         views: Range<u32>,
         size: [u32; 2],
+        stop_below: f32,
         specialization: Specialization,
         sets: &[vk::DescriptorSet; 3],
     ) -> Result<(vk::DescriptorSet, [u32; 8]), GpuError> {
@@ -138,8 +139,7 @@ impl Renderer {
         });
         let [columns, rows] = room.tiles();
         let [width, height] = size;
-        let push =
-            [views.start, room.views, columns, rows, room.splats, room.entries() as u32, width, height];
+        let push = [views.start, room.views, columns, rows, room.splats, stop_below.to_bits(), width, height];
         const { assert!(PUSH_BYTES == 32) };
         let (ends, lists) = (4 * room.ends(), buffers.lists.raw());
 
