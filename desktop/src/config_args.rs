@@ -3,6 +3,7 @@
 use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{Arg, ArgAction, ArgMatches, Command};
 use motes_app::quality::{Quality, Table};
+use motes_renderer::gpu::Gpu;
 use motes_renderer::plan::Overrides;
 use motes_renderer::{CHOICES, Choice, Kind, PRESETS, RenderConfig};
 
@@ -31,6 +32,12 @@ impl ConfigArgs {
             }
         }
         config
+    }
+
+    /// [`ConfigArgs::config`], with the expansion that is fastest on a device where nothing was said about how to draw it.
+    pub fn on(&self, config: RenderConfig, gpu: &Gpu) -> RenderConfig {
+        let said = self.names("expansion") || self.preset.is_some();
+        if said { config } else { config.on(&gpu.capabilities) }
     }
 
     /// What goes before the scene's plan, where scenes are drawn by plan.

@@ -508,6 +508,15 @@ impl RenderConfig {
         Err(ConfigError(format!("lens {}: {reason}", self.lens)))
     }
 
+    /// These choices with the expansion that is fastest on a device: [tiles](Expansion::Tiles) where it renders on the processor
+    /// and they go with the rest, else as they are.
+    #[must_use]
+    pub fn on(self, capabilities: &crate::gpu::Capabilities) -> Self {
+        let tiles = Self { expansion: Expansion::Tiles, ..self.clone() };
+        let drawn = self.expansion == Expansion::Precomputed && self.sorter != Sorter::Stochastic;
+        if capabilities.software && drawn && tiles.check_tiles(capabilities).is_ok() { tiles } else { self }
+    }
+
     fn check_tiles(&self, capabilities: &crate::gpu::Capabilities) -> Result<(), ConfigError> {
         let reason = if !capabilities.subgroup_shuffle {
             "the device's compute stages exchange nothing within subgroups of 8 and more; choose precomputed"

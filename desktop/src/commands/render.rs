@@ -107,10 +107,13 @@ pub fn run(args: &RenderArgs) -> Result<(), CommandError> {
         Some(overrides) => Plan::of(&Statement::of(&opened.scene), &overrides).apply(&chosen),
         None => chosen,
     };
-    let config = in_scene_units(&planned, opened.settings.scale);
+    let mut config = in_scene_units(&planned, opened.settings.scale);
     let mut leveled = args.lod_target.map(|target| leveled(paths, target)).transpose()?;
     let mut footage = Footage::new(&mut opened, frames, &options, args.video.read_ahead)?;
     let gpu = if args.reference { None } else { Some(args.device.offscreen()?) };
+    if let Some(gpu) = &gpu {
+        config = args.config.on(config, gpu);
+    }
     let mut studio: Option<(Arc<Splats>, Studio)> = None;
     let of_times = args.video.times().is_some();
     let mut animation = (of_times && is_animated(&args.output))

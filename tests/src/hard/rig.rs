@@ -5,8 +5,8 @@ use motes_renderer::gpu::{Buffer, GpuError, Image, ImageDescription};
 use motes_renderer::order::{OrderRequest, SortBuffers, SplatOrder};
 use motes_renderer::reference::{self, ReferenceImage, ReferenceOptions, ReferenceOrder};
 use motes_renderer::{
-    Composite, DrawRequest, Expansion, FrameReport, OrderKey, Packing, Precision, Projection, RadiusRule,
-    RenderConfig, Renderer, SceneOnDevice, ShPrecision, Stereo, Target, View, midpoint,
+    Axis, Composite, DrawRequest, Expansion, FrameReport, OrderKey, Packing, Precision, Projection,
+    RadiusRule, RenderConfig, Renderer, SceneOnDevice, ShPrecision, Stereo, Target, View, midpoint,
 };
 use motes_scenes::Splats;
 
@@ -314,7 +314,7 @@ impl Rig {
                 let mut config = every_layer(projection);
                 change(&mut config);
                 let truth = truth(splats, views, &config);
-                for expansion in [Expansion::Precomputed, Expansion::Instanced, Expansion::Geometry] {
+                for &expansion in Expansion::ALL {
                     if eyes == 2 && expansion == Expansion::Geometry {
                         continue; // one view only
                     }
