@@ -5,7 +5,7 @@ use clap::{Arg, ArgAction, ArgMatches, Command};
 use motes_app::quality::{Quality, Table};
 use motes_renderer::gpu::Gpu;
 use motes_renderer::plan::Overrides;
-use motes_renderer::{CHOICES, Choice, Kind, PRESETS, RenderConfig};
+use motes_renderer::{CHOICES, Choice, Kind, PRESETS, RenderConfig, View};
 
 /// What was said about how to draw.
 #[derive(Clone, Debug, Default)]
@@ -34,10 +34,10 @@ impl ConfigArgs {
         config
     }
 
-    /// [`ConfigArgs::config`], with the expansion that is fastest on a device where nothing was said about how to draw it.
-    pub fn on(&self, config: RenderConfig, gpu: &Gpu) -> RenderConfig {
+    /// A configuration with the expansion that is fastest on a device for so many splats, where none was asked for.
+    pub fn on(&self, config: RenderConfig, gpu: &Gpu, splats: u32, views: &[View]) -> RenderConfig {
         let said = self.names("expansion") || self.preset.is_some();
-        if said { config } else { config.on(&gpu.capabilities) }
+        if said { config } else { config.on(&gpu.capabilities, splats, views) }
     }
 
     /// What goes before the scene's plan, where scenes are drawn by plan.

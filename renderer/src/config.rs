@@ -1,6 +1,8 @@
 //! Every choice that the renderer offers, in one [`RenderConfig`]: parsed from the command line, shown in the
 //! panel, swept by the bench, written to the report. A new axis is one enum here.
 
+use crate::renderer::tiles_fit;
+use crate::view::View;
 use std::fmt;
 use std::str::FromStr;
 
@@ -508,13 +510,16 @@ impl RenderConfig {
         Err(ConfigError(format!("lens {}: {reason}", self.lens)))
     }
 
-    /// These choices with the expansion that is fastest on a device: [tiles](Expansion::Tiles) where it renders on the processor
-    /// and they go with the rest, else as they are.
+    /// These choices with the expansion that is fastest on a device for so many splats: [tiles](Expansion::Tiles) where it renders
+    /// on the processor, they go with the rest and its buffers hold what they need; else as they are.
     #[must_use]
-    pub fn on(self, capabilities: &crate::gpu::Capabilities) -> Self {
+    pub fn on(self, capabilities: &crate::gpu::Capabilities, splats: u32, views: &[View]) -> Self {
         let tiles = Self { expansion: Expansion::Tiles, ..self.clone() };
         let drawn = self.expansion == Expansion::Precomputed && self.sorter != Sorter::Stochastic;
-        if capabilities.software && drawn && tiles.check_tiles(capabilities).is_ok() { tiles } else { self }
+        let eyes = views.len() as u32;
+        let fits = |view: &View| tiles_fit(capabilities, self.projection, splats, eyes, view.size);
+        let suited = capabilities.software && drawn && views.iter().all(fits);
+        if suited && tiles.check_tiles(capabilities).is_ok() { tiles } else { self }
     }
 
     fn check_tiles(&self, capabilities: &crate::gpu::Capabilities) -> Result<(), ConfigError> {

@@ -204,15 +204,23 @@ fn what_tiles_cannot_draw_is_refused_with_a_reason() {
     less.subgroup_shuffle = false;
     assert!(good.check(1, &less).unwrap_err().to_string().contains("subgroups"));
     // What a device is given by itself: tiles where it renders on the processor and they can be had, else polygons.
-    let chosen =
-        |config: &RenderConfig, capabilities: &Capabilities| config.clone().on(capabilities).expansion;
     let default = RenderConfig::default();
-    assert_eq!(chosen(&default, &bench.gpu.capabilities), Expansion::Tiles);
-    assert_eq!(chosen(&default, &less), Expansion::Precomputed);
+    let chosen = |config: &RenderConfig, capabilities: &Capabilities, splats, size| {
+        config.clone().on(capabilities, splats, &[look(0.0, size); 2]).expansion
+    };
+    let device = bench.gpu.capabilities.clone();
+    assert_eq!(chosen(&default, &device, 600, SIZE), Expansion::Tiles);
+    assert_eq!(chosen(&default, &less, 600, SIZE), Expansion::Precomputed);
     let fisheye = RenderConfig { lens: Lens::Fisheye, ..default.clone() };
-    assert_eq!(chosen(&fisheye, &bench.gpu.capabilities), Expansion::Precomputed);
-    less.subgroup_shuffle = true;
-    less.software = false;
-    assert_eq!(chosen(&default, &less), Expansion::Precomputed);
+    assert_eq!(chosen(&fisheye, &device, 600, SIZE), Expansion::Precomputed);
+    // Nor where a buffer would be too large: 64 bytes a splat and eye, 16 a pixel.
+    let most = (device.max_storage_range / 128) as u32;
+    assert_eq!(chosen(&default, &device, most, SIZE), Expansion::Tiles);
+    assert_eq!(chosen(&default, &device, most + 1, SIZE), Expansion::Precomputed);
+    let high = (device.max_storage_range / (2 * 16 * 2048)) as u32;
+    assert_eq!(chosen(&default, &device, 600, [2048, high]), Expansion::Tiles);
+    assert_eq!(chosen(&default, &device, 600, [2048, high + 1]), Expansion::Precomputed);
+    let hardware = Capabilities { software: false, ..device };
+    assert_eq!(chosen(&default, &hardware, 600, SIZE), Expansion::Precomputed);
     bench.offscreen.render(&scene, &[look(0.0, SIZE)], &good).unwrap();
 }

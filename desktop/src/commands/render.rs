@@ -107,13 +107,10 @@ pub fn run(args: &RenderArgs) -> Result<(), CommandError> {
         Some(overrides) => Plan::of(&Statement::of(&opened.scene), &overrides).apply(&chosen),
         None => chosen,
     };
-    let mut config = in_scene_units(&planned, opened.settings.scale);
+    let config = in_scene_units(&planned, opened.settings.scale);
     let mut leveled = args.lod_target.map(|target| leveled(paths, target)).transpose()?;
     let mut footage = Footage::new(&mut opened, frames, &options, args.video.read_ahead)?;
     let gpu = if args.reference { None } else { Some(args.device.offscreen()?) };
-    if let Some(gpu) = &gpu {
-        config = args.config.on(config, gpu);
-    }
     let mut studio: Option<(Arc<Splats>, Studio)> = None;
     let of_times = args.video.times().is_some();
     let mut animation = (of_times && is_animated(&args.output))
@@ -132,6 +129,10 @@ pub fn run(args: &RenderArgs) -> Result<(), CommandError> {
                 choice.settle(&views);
                 (levels.splats.clone(), Some(levels.parts(choice.shares())))
             }
+        };
+        let config = match &gpu {
+            Some(gpu) => args.config.on(config, gpu, stored.len() as u32, &views),
+            None => config,
         };
         if let Some(gpu) = &gpu
             && studio.as_ref().is_none_or(|(shown, _)| !Arc::ptr_eq(shown, &stored))

@@ -15,6 +15,7 @@ mod tiles;
 mod upscale;
 
 pub use frame_data::midpoint;
+pub(crate) use tiles::tiles_fit;
 
 use crate::config::{Composite, Expansion, RenderConfig, Sorter};
 use crate::gpu::{Buffer, During, Gpu, GpuError, Image};

@@ -4,7 +4,8 @@
 //! Made for drivers that render on the processor, where a triangle costs more than what it covers.
 
 use super::Renderer;
-use crate::gpu::{Buffer, Gpu, GpuError};
+use crate::config::Projection;
+use crate::gpu::{Buffer, Capabilities, Gpu, GpuError};
 use crate::passes::{PUSH_BYTES, Preparation};
 use ash::vk;
 use gpu_allocator::MemoryLocation;
@@ -14,7 +15,8 @@ use std::sync::Arc;
 
 /// Dispatches of one picture, or of both: splats, scan, list, blend.
 const TILE_DISPATCHES: u32 = 4;
-/// Entries of lists that there is room for: a splat's share, and some for small scenes. Beyond it tiles do without lists.
+/// Entries of lists that there is room for: a splat's share, and some for small scenes; fewer where the device's buffers end.
+/// Beyond it tiles do without lists.
 const ENTRIES_PER_SPLAT: u64 = 32;
 const LEAST_ENTRIES: u64 = 1 << 16;
 
@@ -40,10 +42,26 @@ impl Room {
         u64::from(self.views) * columns * rows * u64::from(TILE_RUNS)
     }
 
-    /// Entries of all lists.
-    fn entries(&self) -> u64 {
-        (ENTRIES_PER_SPLAT * u64::from(self.splats)).max(LEAST_ENTRIES)
+    /// Bytes of the splats, the lists' least, and the pixels.
+    fn least_bytes(&self) -> [u64; 3] {
+        let views = u64::from(self.views);
+        let pixels = self.size.map(u64::from).iter().product::<u64>() * if self.count { 2 } else { 1 };
+        let splats = 4 * views * u64::from(self.splats) * u64::from(self.words);
+        [splats, 4 * (self.ends() + LEAST_ENTRIES), 16 * views * pixels]
     }
+}
+
+/// Whether a device's buffers hold what tiles need for so many splats and views of a size.
+pub(crate) fn tiles_fit(
+    capabilities: &Capabilities,
+    projection: Projection,
+    splats: u32,
+    views: u32,
+    size: [u32; 2],
+) -> bool {
+    let words = TILE_SPLAT_WORDS[projection as usize];
+    let room = Room { splats, words, views, size, count: false };
+    room.least_bytes().iter().all(|bytes| *bytes <= capabilities.max_storage_range)
 }
 
 /// What the passes hand on to each other.
@@ -56,24 +74,21 @@ struct Buffers {
 
 impl Buffers {
     fn new(gpu: &Arc<Gpu>, room: Room) -> Result<Self, GpuError> {
-        let views = u64::from(room.views);
-        let pixels = room.size.map(u64::from).iter().product::<u64>() * if room.count { 2 } else { 1 };
-        let sizes = [
-            ("splats of tiles", 4 * views * u64::from(room.splats) * u64::from(room.words)),
-            ("lists of tiles", 4 * (room.ends() + room.entries())),
-            ("pixels of tiles", 16 * views * pixels),
-        ];
         let limit = gpu.capabilities.max_storage_range;
-        if let Some(&(stream, needed)) = sizes.iter().find(|(_, bytes)| *bytes > limit) {
-            let fits = u64::from(room.splats) * limit / needed;
-            return Err(GpuError::SceneTooLarge {
-                splats: room.splats as usize,
-                stream,
-                needed,
-                available: limit,
-                fits,
+        let [splats, least, pixels] = room.least_bytes();
+        if splats.max(least).max(pixels) > limit {
+            let [width, height] = room.size;
+            return Err(GpuError::Unsupported {
+                wanted: format!(
+                    "{} splats by tiles in {} view(s) of {width} x {height} pixels, in buffers of {limit} bytes",
+                    room.splats, room.views
+                ),
+                device: gpu.capabilities.device.clone(),
+                remedy: "Choose expansion precomputed".into(),
             });
         }
+        let lists = (4 * (room.ends() + ENTRIES_PER_SPLAT * u64::from(room.splats))).clamp(least, limit);
+        let sizes = [("splats of tiles", splats), ("lists of tiles", lists), ("pixels of tiles", pixels)];
         let usage = vk::BufferUsageFlags::STORAGE_BUFFER | vk::BufferUsageFlags::TRANSFER_DST;
         let [splats, lists, pixels] =
             sizes.map(|(name, bytes)| Buffer::new(gpu, name, bytes, usage, MemoryLocation::GpuOnly));
