@@ -213,11 +213,11 @@ fn what_tiles_cannot_draw_is_refused_with_a_reason() {
     assert_eq!(chosen(&default, &less, 600, SIZE), Expansion::Precomputed);
     let fisheye = RenderConfig { lens: Lens::Fisheye, ..default.clone() };
     assert_eq!(chosen(&fisheye, &device, 600, SIZE), Expansion::Precomputed);
-    // Nor where a buffer would be too large: 64 bytes a splat and eye, 16 a pixel.
+    // Nor where a buffer would be too large: 64 bytes a splat and eye, 16 a pixel, and as many for its layers.
     let most = (device.max_storage_range / 128) as u32;
     assert_eq!(chosen(&default, &device, most, SIZE), Expansion::Tiles);
     assert_eq!(chosen(&default, &device, most + 1, SIZE), Expansion::Precomputed);
-    let high = (device.max_storage_range / (2 * 16 * 2048)) as u32;
+    let high = (device.max_storage_range / (2 * 32 * 2048)) as u32;
     assert_eq!(chosen(&default, &device, 600, [2048, high]), Expansion::Tiles);
     assert_eq!(chosen(&default, &device, 600, [2048, high + 1]), Expansion::Precomputed);
     let hardware = Capabilities { software: false, ..device };

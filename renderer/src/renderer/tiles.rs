@@ -51,7 +51,7 @@ impl Room {
     }
 }
 
-/// Whether a device's buffers hold what tiles need for so many splats and views of a size.
+/// Whether a device's buffers hold what tiles need for so many splats and views of a size, even where layers are counted.
 pub(crate) fn tiles_fit(
     capabilities: &Capabilities,
     projection: Projection,
@@ -60,7 +60,7 @@ pub(crate) fn tiles_fit(
     size: [u32; 2],
 ) -> bool {
     let words = TILE_SPLAT_WORDS[projection as usize];
-    let room = Room { splats, words, views, size, count: false };
+    let room = Room { splats, words, views, size, count: true };
     room.least_bytes().iter().all(|bytes| *bytes <= capabilities.max_storage_range)
 }
 
