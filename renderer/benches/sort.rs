@@ -1,4 +1,5 @@
-//! How fast a million splats are ordered: `cargo xtask run-on-driver -- cargo bench -p motes-renderer --bench sort`.
+//! How fast a million splats are ordered: `cargo xtask run-on-driver -- cargo bench -p motes-renderer --bench sort [-- COUNT]
+//! [PART OF A VARIANT'S NAME…]`.
 //!
 //! Pairs of a 32-bit key and an index, random keys, one thread, beside the standard library and the fastest crates for
 //! the task; then the device's sort in several shapes. All within one run, each variant in turn,
@@ -130,27 +131,41 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         start.elapsed()
     });
     let best = SortShape::of(&gpu.capabilities);
-    for (group, run, digit_bits) in [
-        (best.group, best.run, best.digit_bits),
-        (32, 128, 8),
-        (8, 1024, 8),
-        (8, 16384, 8),
-        (8, 65536, 8),
-        (16, 4096, 8),
-        (32, 2048, 8),
+    let shape = |group, run, digit_bits, shuffled| SortShape { group, run, digit_bits, shuffled };
+    for shape in [
+        best,
+        shape(8, 4096, 8, false),
+        shape(8, 2048, 8, true),
+        shape(8, 2048, 11, true),
+        shape(8, 4096, 11, true),
+        shape(8, 4096, 8, true),
+        shape(32, 128, 8, false),
+        shape(32, 1024, 8, false),
     ] {
-        let shape = SortShape { group, run, digit_bits };
         let mut sorter = KeySorter::new(&gpu, shape)?;
         let keys = &keys;
-        add(&mut variants, &format!("device, {group} x {run}, {digit_bits} bits"), move || {
-            let failed = |_| [Duration::MAX; 2];
-            if let Err(e) = sorter.load(keys, 32) {
-                return failed(e);
-            }
-            let start = Start::now();
-            sorter.run(keys.len(), 32).map_or_else(failed, |()| start.elapsed())
-        });
+        add(
+            &mut variants,
+            &format!(
+                "device, {} x {}, {} bits{}",
+                shape.group,
+                shape.run,
+                shape.digit_bits,
+                if shape.shuffled { ", shuffled" } else { "" }
+            ),
+            move || {
+                let failed = |_| [Duration::MAX; 2];
+                if let Err(e) = sorter.load(keys, 32) {
+                    return failed(e);
+                }
+                let start = Start::now();
+                sorter.run(keys.len(), 32).map_or_else(failed, |()| start.elapsed())
+            },
+        );
     }
+    let wanted: Vec<String> =
+        std::env::args().skip(1).filter(|a| !a.starts_with('-') && a.parse::<usize>().is_err()).collect();
+    variants.retain(|v| wanted.is_empty() || wanted.iter().any(|w| v.name.contains(w.as_str())));
     for round in 0..=ROUNDS {
         for v in &mut variants {
             let took = (v.run)();

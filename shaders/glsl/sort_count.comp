@@ -3,7 +3,7 @@
 #include "sort.glsl"
 
 layout(set = 0, binding = 0, std430) readonly buffer Keys { uint keys[]; };
-layout(set = 0, binding = 4, std430) writeonly buffer Counts { uint counts[]; }; // by digit, then by tile
+layout(set = 0, binding = 4, std430) writeonly buffer Counts { uint counts[]; }; // at count_place
 
 // Two digits a word, a column for each invocation.
 shared uint columns[DIGITS / 2u * GROUP];
@@ -22,7 +22,7 @@ void main() {
     for (uint pair = local; pair < DIGITS / 2u; pair += GROUP) {
         uint sum = 0u;
         for (uint column = 0u; column < GROUP; column++) sum += columns[pair * GROUP + column];
-        counts[2u * pair * sort.tiles + tile] = sum & 0xffffu;
-        counts[(2u * pair + 1u) * sort.tiles + tile] = sum >> 16;
+        counts[count_place(2u * pair, tile)] = sum & 0xffffu;
+        counts[count_place(2u * pair + 1u, tile)] = sum >> 16;
     }
 }

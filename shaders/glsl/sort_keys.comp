@@ -35,5 +35,5 @@ void main() {
     if ((sort.key & (KEY_DEPTH | KEY_16)) == KEY_16) value = sqrt(value);
     uint key = float_key(value);
     keys[slot] = (sort.key & KEY_16) != 0u ? key >> 16 : key;
-    if ((sort.flags & SORT_VALUES_ARE_PLACES) == 0u) values[slot] = i;
+    if ((sort.key & (KEY_LISTED | KEY_PARTS)) != 0u) values[slot] = i;
 }

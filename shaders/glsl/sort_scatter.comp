@@ -1,14 +1,7 @@
 #version 460
 // Brings keys and values to their places: behind all smaller digits, behind equal digits of earlier tiles, of earlier
 // invocations, and of the invocation's own earlier keys.
-#include "sort.glsl"
-
-layout(set = 0, binding = 0, std430) readonly buffer KeysIn { uint keys_in[]; };
-layout(set = 0, binding = 1, std430) readonly buffer ValuesIn { uint values_in[]; };
-layout(set = 0, binding = 2, std430) writeonly buffer KeysOut { uint keys_out[]; };
-layout(set = 0, binding = 3, std430) writeonly buffer ValuesOut { uint values_out[]; };
-layout(set = 0, binding = 4, std430) readonly buffer Counts { uint counts[]; };
-layout(set = 0, binding = 5, std430) readonly buffer Totals { uint totals[]; };
+#include "sort_move.glsl"
 
 shared uint columns[DIGITS / 2u * GROUP];
 shared uint places[DIGITS]; // of the tile's first key of each digit
@@ -35,7 +28,7 @@ void main() {
     uint before = 0u;
     for (uint other = 0u; other < local; other++) before += sums[other];
     for (uint digit = first; digit < last; digit++) {
-        places[digit] = before + counts[digit * sort.tiles + tile];
+        places[digit] = before + counts[count_place(digit, tile)];
         before += totals[digit];
     }
     // And which keys of the same digit the invocations before have.
@@ -48,8 +41,6 @@ void main() {
         }
     }
     barrier();
-    bool places_are_values = (sort.flags & SORT_VALUES_ARE_PLACES) != 0u;
-    bool write_keys = (sort.flags & SORT_KEYS_ARE_DONE) == 0u;
     for (uint at = begin; at < end; at++) {
         uint key = keys_in[at];
         uint digit = digit_of(key);
@@ -57,8 +48,6 @@ void main() {
         uint upper = 16u * (digit & 1u);
         uint ranks = columns[column];
         columns[column] = ranks + (1u << upper);
-        uint place = places[digit] + ((ranks >> upper) & 0xffffu);
-        if (write_keys) keys_out[place] = key;
-        values_out[place] = places_are_values ? at : values_in[at];
+        move_key(key, at, places[digit] + ((ranks >> upper) & 0xffffu));
     }
 }

@@ -15,17 +15,28 @@ use proptest::prelude::*;
 use proptest::test_runner::{Config, TestRunner};
 use std::cell::RefCell;
 
-/// Tiles of 64, 100, 512, 2048 and 4096 keys; the last two are what processors and graphics cards get.
-const SHAPES: [SortShape; 9] = [
-    SortShape { group: 8, run: 8, digit_bits: 8 },
-    SortShape { group: 10, run: 10, digit_bits: 3 },
-    SortShape { group: 64, run: 8, digit_bits: 7 },
-    SortShape { group: 128, run: 16, digit_bits: 6 },
-    SortShape { group: 32, run: 128, digit_bits: 8 },
-    SortShape { group: 8, run: 64, digit_bits: 4 },
-    SortShape { group: 5, run: 129, digit_bits: 5 },
-    SortShape { group: 8, run: 4096, digit_bits: 8 },
-    SortShape { group: 3, run: 8192, digit_bits: 8 },
+const fn shape(group: u32, run: u32, digit_bits: u32) -> SortShape {
+    SortShape { group, run, digit_bits, shuffled: false }
+}
+
+const fn shuffled(run: u32, digit_bits: u32) -> SortShape {
+    SortShape { group: 8, run, digit_bits, shuffled: true }
+}
+
+/// Tiles of 8 to 63488 keys. Graphics cards get the fourth shape, processors the last.
+const SHAPES: [SortShape; 12] = [
+    shape(8, 8, 8),
+    shape(10, 10, 3),
+    shape(64, 8, 7),
+    shape(128, 16, 6),
+    shape(32, 128, 8),
+    shape(8, 64, 4),
+    shape(5, 129, 5),
+    shape(8, 4096, 8),
+    shuffled(1, 3),
+    shuffled(9, 8),
+    shuffled(3, 11),
+    shuffled(7936, 11),
 ];
 
 /// What the standard library says: the places of the keys, stably sorted.
@@ -160,13 +171,16 @@ proptest! {
 fn shapes_that_cannot_be_are_refused() {
     let gpu = TestGpu::new();
     for shape in [
-        SortShape { group: 0, run: 8, digit_bits: 8 },
-        SortShape { group: 256, run: 256, digit_bits: 8 },
-        SortShape { group: 8, run: 65536, digit_bits: 9 },
-        SortShape { group: 64, run: 4096, digit_bits: 8 },
-        SortShape { group: 32, run: 8, digit_bits: 9 },
-        SortShape { group: 32, run: 0, digit_bits: 8 },
-        SortShape { group: 1024, run: 8, digit_bits: 8 },
+        shape(0, 8, 8),
+        shape(256, 256, 8),
+        shape(8, 65536, 9),
+        shape(64, 4096, 8),
+        shape(64, 8, 9),
+        shape(8, 8, 12),
+        shape(32, 0, 8),
+        shape(1024, 8, 8),
+        SortShape { shuffled: true, ..shape(16, 8, 8) },
+        shuffled(8, 2),
     ] {
         assert!(KeySorter::new(&gpu, shape).is_err(), "{shape:?}");
     }

@@ -15,7 +15,7 @@ use crate::{KeyBits, OrderKey};
 use ash::vk;
 use motes_shaders::layout::Specialization;
 use motes_shaders::modules;
-use radix::{Push, RadixBuffers, RadixJob, RadixSort, VALUES_ARE_PLACES};
+use radix::{Push, RadixBuffers, RadixJob, RadixSort};
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -25,7 +25,7 @@ const KEY_16: u32 = 2;
 const KEY_LISTED: u32 = 4;
 const KEY_PARTS: u32 = 8;
 /// Invocations of a workgroup that makes keys.
-const KEYS_GROUP: SortShape = SortShape { group: 64, run: 1, digit_bits: 1 };
+const KEYS_GROUP: SortShape = SortShape { group: 64, run: 1, digit_bits: 1, shuffled: false };
 
 /// Descriptor sets that one sort takes.
 #[derive(Clone, Copy)]
@@ -121,12 +121,11 @@ impl DeviceSort {
         if parts.is_some() {
             key |= KEY_PARTS;
         }
-        let values_are_places = listed.is_none() && parts.is_none();
         let push = Push {
             count,
             tiles: 0,
             shift: 0,
-            flags: if values_are_places { VALUES_ARE_PLACES } else { 0 },
+            value_bits: 0,
             first: listed.as_ref().map_or(0, |l| l.range.start as u32),
             key,
             rest: super::two_parts(request.center - scene.origin).1.to_array(),
@@ -143,8 +142,9 @@ impl DeviceSort {
             device.cmd_dispatch(commands, count.div_ceil(KEYS_GROUP.group), 1, 1);
         }
         compute_barrier(&self.gpu, commands);
-        let radix_job = RadixJob { count, key_bits, values_are_places };
-        self.radix.record(commands, sets.passes, buffers, sorted, radix_job);
+        let values_are_places = listed.is_none() && parts.is_none();
+        let radix_job = RadixJob { count, key_bits, values: scene.splats, values_are_places };
+        self.radix.record(commands, sets.passes, buffers, sorted, radix_job)?;
         Ok(count)
     }
 
@@ -154,7 +154,7 @@ impl DeviceSort {
         }
         let constants = bytemuck::cast_slice(std::slice::from_ref(&specialization));
         let code = modules::SORT_KEYS_COMP;
-        let made = compute_pipeline(&self.gpu, self.keys_layout, code, constants, KEYS_GROUP)?;
+        let made = compute_pipeline(&self.gpu, self.keys_layout, code, constants, KEYS_GROUP, 0)?;
         self.keys.insert(specialization, made);
         Ok(made)
     }
@@ -200,15 +200,16 @@ fn compute_layout(gpu: &Gpu, sets: &[vk::DescriptorSetLayout]) -> Result<vk::Pip
     unsafe { gpu.device().create_pipeline_layout(&info, None) }.during("vkCreatePipelineLayout")
 }
 
-/// A compute pipeline with the constants `0 ..` and the shape's.
+/// A compute pipeline with the constants `0 ..`, the shape's, and what is done with keys and values.
 fn compute_pipeline(
     gpu: &Arc<Gpu>,
     layout: vk::PipelineLayout,
     code: &'static [u32],
     constants: &[u32],
     shape: SortShape,
+    flags: u32,
 ) -> Result<vk::Pipeline, GpuError> {
-    let shape = [(100, shape.group), (101, shape.run), (102, shape.digit_bits)];
+    let shape = [(100, shape.group), (101, shape.run), (102, shape.digit_bits), (103, flags)];
     let constants = (0..).zip(constants.iter().copied()).chain(shape).collect();
     pipeline::compute(gpu, vk::PipelineCache::null(), layout, code, &constants)
 }

@@ -1,14 +1,15 @@
-//! A stable radix sort on the device. Twin: `sort_count.comp`, `sort_scan.comp`, `sort_scatter.comp`, and their variants for
-//! long runs.
+//! A stable radix sort on the device. Twin: `sort_count.comp`, `sort_scan.comp`, `sort_scatter.comp`.
 //!
-//! Least significant digit first, three dispatches a digit: every tile of keys (or long run) is counted, the counts become
-//! places, and keys and values go there. No atomics, so equal input gives equal output; no subgroup operations, so their size
-//! (8 on lavapipe, 64 or 128 on Adreno) does not matter; nothing is read back.
+//! Least significant digit first, three dispatches a digit: every tile of keys is counted, the counts become places, and
+//! keys and values go there. No atomics, so equal input gives equal output; no subgroup operations, so their size (8 on
+//! lavapipe, 64 or 128 on Adreno) does not matter, except where a [shape](SortShape::shuffled) asks for them; nothing is
+//! read back.
 
 use crate::gpu::{Buffer, Capabilities, Gpu, GpuError};
 use ash::vk;
 use gpu_allocator::MemoryLocation;
 use motes_shaders::modules;
+use std::collections::HashMap;
 use std::sync::Arc;
 
 /// How the work is cut; specialisation constants of the shaders.
@@ -16,37 +17,32 @@ use std::sync::Arc;
 pub struct SortShape {
     /// Invocations of a workgroup.
     pub group: u32,
-    /// Keys of one invocation. From four times as many as there are digits on, runs are [long](SortShape::long); else
-    /// `group · run` is below 2¹⁶.
+    /// Keys of one invocation; `group · run` is below 2¹⁶.
     pub run: u32,
-    /// Bits of a digit, `1 ..= 8`.
+    /// Bits of a digit, `1 ..= 11`.
     pub digit_bits: u32,
+    /// Whether a workgroup is one vector of a processor, whose eight invocations take neighbouring keys and exchange their
+    /// digits (`sort_shuffled_scatter.comp`). Needs [`Capabilities::subgroup_shuffle`], and digits of 3 bits at least.
+    pub shuffled: bool,
 }
 
 impl SortShape {
-    /// The shape for a device: processors do best with few long runs, graphics cards need many invocations, and the
-    /// counters of a workgroup (16 KiB here) must fit into what every device has.
+    /// The shape for a device: processors do best with long runs and few passes, graphics cards need many invocations,
+    /// and the counters of a workgroup (16 KiB) must fit into what every device has.
     pub fn of(capabilities: &Capabilities) -> Self {
         if capabilities.software {
-            Self { group: 8, run: 4096, digit_bits: 8 }
+            let shuffled = capabilities.subgroup_shuffle;
+            Self { group: 8, run: 7936, digit_bits: if shuffled { 11 } else { 8 }, shuffled }
         } else {
-            Self { group: 128, run: 16, digit_bits: 6 }
+            Self { group: 128, run: 16, digit_bits: 6, shuffled: false }
         }
-    }
-
-    /// Whether each run has counters of its own in memory.
-    pub fn long(self) -> bool {
-        self.run >> self.digit_bits.min(31) >= 4
     }
 
     /// Bytes of a workgroup's shared memory.
     pub fn shared_bytes(self) -> u32 {
         let digits = 1 << self.digit_bits;
-        if self.long() {
-            4 * digits * self.group
-        } else {
-            4 * (digits / 2 * self.group + digits + self.group)
-        }
+        let columns = digits / 2 * self.group;
+        4 * if self.shuffled { columns.max(digits) } else { columns + digits + self.group }
     }
 
     /// Digits of a key.
@@ -60,20 +56,19 @@ impl SortShape {
 
     /// Counters between the passes, for so many keys.
     fn counters(self, keys: u32) -> u64 {
-        let columns =
-            u64::from(self.tiles(keys).max(1)) * if self.long() { u64::from(self.group) } else { 1 };
-        columns << self.digit_bits
+        u64::from(self.tiles(keys).max(1)) << self.digit_bits
     }
 
     fn check(self, gpu: &Gpu) -> Result<(), GpuError> {
         // SAFETY: the physical device belongs to the instance.
         let limits = unsafe { gpu.instance().get_physical_device_properties(gpu.physical()) }.limits;
         let most = limits.max_compute_work_group_invocations.min(limits.max_compute_work_group_size[0]);
-        let most_keys = if self.long() { 1 << 31 } else { 1 << 16 };
-        let shape = (1..=8).contains(&self.digit_bits)
+        let shape = (1..=11).contains(&self.digit_bits)
             && (1..=4096).contains(&self.group)
             && self.run >= 1
-            && self.group.checked_mul(self.run).is_some_and(|keys| keys < most_keys);
+            && self.group.checked_mul(self.run).is_some_and(|keys| keys < 1 << 16);
+        let exchange = self.group == motes_shaders::layout::TILE_LANES && self.digit_bits >= 3;
+        let shape = shape && (!self.shuffled || exchange && gpu.capabilities.subgroup_shuffle);
         let fits =
             shape && self.group <= most && self.shared_bytes() <= limits.max_compute_shared_memory_size;
         if fits {
@@ -83,8 +78,9 @@ impl SortShape {
             wanted: format!("a sort with {self:?}"),
             device: gpu.capabilities.device.clone(),
             remedy: format!(
-                "Digits have 1 to 8 bits, a group at most {most} invocations and 65535 keys (any number \
-                 with runs of four times as many keys as there are digits), and its counters take at most {} bytes",
+                "Digits have 1 to 11 bits, a group at most {most} invocations and 65535 keys, and its counters take at \
+                 most {} bytes; a shuffled sort has groups of 8 and digits of 3 bits at least, on a device that shuffles \
+                 within subgroups",
                 limits.max_compute_shared_memory_size
             ),
         })
@@ -121,16 +117,18 @@ pub(crate) struct Push {
     pub count: u32,
     pub tiles: u32,
     pub shift: u32,
-    pub flags: u32,
+    pub value_bits: u32,
     pub first: u32,
     pub key: u32,
     pub rest: [f32; 3],
 }
 
-/// `SORT_VALUES_ARE_PLACES` of the shaders.
-pub(crate) const VALUES_ARE_PLACES: u32 = 1;
-/// `SORT_KEYS_ARE_DONE` of the shaders.
-const KEYS_ARE_DONE: u32 = 2;
+// As in `sort.glsl`.
+const VALUES_ARE_PLACES: u32 = 1;
+const LAST: u32 = 2;
+const PACK: u32 = 4;
+const PACKED: u32 = 8;
+const SHUFFLED: u32 = 16;
 
 /// The pipelines of the sort.
 pub(crate) struct RadixSort {
@@ -138,7 +136,10 @@ pub(crate) struct RadixSort {
     pub shape: SortShape,
     pub set_layout: vk::DescriptorSetLayout,
     layout: vk::PipelineLayout,
-    pipelines: [vk::Pipeline; 3],
+    count: vk::Pipeline,
+    scan: vk::Pipeline,
+    /// By what is done with keys and values.
+    scatter: HashMap<u32, vk::Pipeline>,
 }
 
 impl RadixSort {
@@ -149,19 +150,31 @@ impl RadixSort {
             shape,
             set_layout: vk::DescriptorSetLayout::null(),
             layout: vk::PipelineLayout::null(),
-            pipelines: [vk::Pipeline::null(); 3],
+            count: vk::Pipeline::null(),
+            scan: vk::Pipeline::null(),
+            scatter: HashMap::new(),
         };
         sort.set_layout = super::storage_layout(gpu, 6)?;
         sort.layout = super::compute_layout(gpu, &[sort.set_layout])?;
-        let codes = if shape.long() {
-            [modules::SORT_LONG_COUNT_COMP, modules::SORT_LONG_SCAN_COMP, modules::SORT_LONG_SCATTER_COMP]
-        } else {
-            [modules::SORT_COUNT_COMP, modules::SORT_SCAN_COMP, modules::SORT_SCATTER_COMP]
-        };
-        for (pipeline, code) in sort.pipelines.iter_mut().zip(codes) {
-            *pipeline = super::compute_pipeline(gpu, sort.layout, code, &[], shape)?;
-        }
+        sort.count = sort.pipeline(modules::SORT_COUNT_COMP, 0)?;
+        sort.scan = sort.pipeline(modules::SORT_SCAN_COMP, 0)?;
         Ok(sort)
+    }
+
+    fn pipeline(&self, code: &'static [u32], flags: u32) -> Result<vk::Pipeline, GpuError> {
+        let flags = if self.shape.shuffled { flags | SHUFFLED } else { flags };
+        super::compute_pipeline(&self.gpu, self.layout, code, &[], self.shape, flags)
+    }
+
+    fn scatter(&mut self, flags: u32) -> Result<vk::Pipeline, GpuError> {
+        if let Some(pipeline) = self.scatter.get(&flags) {
+            return Ok(*pipeline);
+        }
+        let shuffled = self.shape.shuffled;
+        let code = if shuffled { modules::SORT_SHUFFLED_SCATTER_COMP } else { modules::SORT_SCATTER_COMP };
+        let made = self.pipeline(code, flags)?;
+        self.scatter.insert(flags, made);
+        Ok(made)
     }
 
     /// The two buffers that keys are written to, and values that are not places, before [`RadixSort::record`]. Which
@@ -179,13 +192,13 @@ impl RadixSort {
 
     /// Records the passes. `sets` are two of [`RadixSort::set_layout`], not in use; `sorted` gets the values.
     pub fn record(
-        &self,
+        &mut self,
         commands: vk::CommandBuffer,
         sets: [vk::DescriptorSet; 2],
         buffers: &RadixBuffers,
         sorted: &Buffer,
         job: RadixJob,
-    ) {
+    ) -> Result<(), GpuError> {
         let side = |i: usize| (&buffers.keys[i], [&buffers.values, sorted][i]);
         let passes = self.shape.passes(job.key_bits);
         let begin = 1 - passes as usize % 2;
@@ -196,19 +209,26 @@ impl RadixSort {
             let all = [keys_in, values_in, keys_out, values_out, &buffers.counts, &buffers.totals];
             super::write_storage(&self.gpu, set, &all);
         }
-        let device = self.gpu.device();
         let tiles = self.shape.tiles(job.count);
-        let groups = [tiles, 1 << self.shape.digit_bits, tiles];
+        let digits = 1 << self.shape.digit_bits;
+        let scans = if self.shape.shuffled { digits / self.shape.group } else { digits };
+        let value_bits = job.values.max(2).next_power_of_two().trailing_zeros();
+        let mut shift = 0;
+        let mut packed = false;
         for pass in 0..passes {
-            let mut flags = 0;
-            if pass == 0 && job.values_are_places {
-                flags |= VALUES_ARE_PLACES;
-            }
-            if pass + 1 == passes {
-                flags |= KEYS_ARE_DONE;
-            }
-            let shift = pass * self.shape.digit_bits;
-            let push = Push { count: job.count, tiles, shift, flags, first: 0, key: 0, rest: [0.0; 3] };
+            let left = job.key_bits.saturating_sub((pass + 1) * self.shape.digit_bits);
+            let last = pass + 1 == passes;
+            let pack = !packed && !last && left + value_bits <= 32;
+            let flag = |set: bool, flag: u32| if set { flag } else { 0 };
+            let flags = flag(pass == 0 && job.values_are_places, VALUES_ARE_PLACES)
+                | flag(last, LAST)
+                | flag(pack, PACK)
+                | flag(packed, PACKED);
+            let push = Push { count: job.count, tiles, shift, value_bits, first: 0, key: 0, rest: [0.0; 3] };
+            let dispatches = [(self.count, tiles), (self.scan, scans), (self.scatter(flags)?, tiles)];
+            let device = self.gpu.device();
+            packed |= pack;
+            shift = if pack { value_bits } else { shift + self.shape.digit_bits };
             // SAFETY: sets and buffers live until the frame is done; the buffers hold `count` keys.
             unsafe {
                 let compute = vk::PipelineBindPoint::COMPUTE;
@@ -216,13 +236,14 @@ impl RadixSort {
                 device.cmd_bind_descriptor_sets(commands, compute, self.layout, 0, &set, &[]);
                 let stages = vk::ShaderStageFlags::COMPUTE;
                 device.cmd_push_constants(commands, self.layout, stages, 0, bytemuck::bytes_of(&push));
-                for (pipeline, groups) in self.pipelines.iter().zip(groups) {
-                    device.cmd_bind_pipeline(commands, compute, *pipeline);
+                for (pipeline, groups) in dispatches {
+                    device.cmd_bind_pipeline(commands, compute, pipeline);
                     device.cmd_dispatch(commands, groups, 1, 1);
                     super::compute_barrier(&self.gpu, commands);
                 }
             }
         }
+        Ok(())
     }
 }
 
@@ -230,7 +251,10 @@ impl RadixSort {
 #[derive(Clone, Copy)]
 pub(crate) struct RadixJob {
     pub count: u32,
+    /// Of a key, from the lowest on; the others are 0.
     pub key_bits: u32,
+    /// One more than the greatest value.
+    pub values: u32,
     /// Whether values are `0 ..`, and were not written.
     pub values_are_places: bool,
 }
@@ -240,7 +264,7 @@ impl Drop for RadixSort {
         let device = self.gpu.device();
         // SAFETY: whoever drops the sort has waited for the frames that use it. Null handles are ignored.
         unsafe {
-            for pipeline in self.pipelines {
+            for pipeline in self.scatter.drain().map(|(_, p)| p).chain([self.count, self.scan]) {
                 device.destroy_pipeline(pipeline, None);
             }
             device.destroy_pipeline_layout(self.layout, None);

@@ -51,7 +51,7 @@ impl KeySorter {
         Ok(Self { gpu: gpu.clone(), sort, buffers: None, uploader, pool, commands, fence })
     }
 
-    /// The places `0 ..` of the keys in ascending order of the keys' lower `key_bits` bits.
+    /// The places `0 ..` of the keys in ascending order of the keys, whose bits from `key_bits` on are 0.
     ///
     /// # Errors
     /// The driver's.
@@ -85,11 +85,13 @@ impl KeySorter {
         let Some((_, buffers)) = &self.buffers else { return Ok(()) };
         let pool = DescriptorPool::new(&self.gpu, 2, 12)?;
         let sets = [pool.allocate(self.sort.set_layout)?, pool.allocate(self.sort.set_layout)?];
-        let job = RadixJob { count: keys as u32, key_bits, values_are_places: true };
-        let sort = &self.sort;
+        let job = RadixJob { count: keys as u32, key_bits, values: keys as u32, values_are_places: true };
+        let sort = &mut self.sort;
+        let mut recorded = Ok(());
         crate::frame::submit_and_wait(&self.gpu, self.commands, self.fence, |_, commands| {
-            sort.record(commands, sets, &buffers.radix, &buffers.sorted, job);
-        })
+            recorded = sort.record(commands, sets, &buffers.radix, &buffers.sorted, job);
+        })?;
+        recorded
     }
 
     /// The order that the last [`KeySorter::run`] has found.

@@ -1,0 +1,54 @@
+#version 460
+// The same for processors: a workgroup is one vector, which takes its tile's keys eight at a time and finds out by itself who of
+// them goes first. So it writes to one place a digit, not to one a digit and invocation, and those stay in the processor's
+// nearest cache.
+#extension GL_KHR_shader_subgroup_basic : require
+#extension GL_KHR_shader_subgroup_shuffle : require
+#extension GL_EXT_control_flow_attributes : require
+#include "sort_move.glsl"
+
+const uint LANES = 8u; // = GROUP
+const uint NONE = 0xffffffffu; // the digit of a lane without a key
+
+// How many lanes before and behind this one have the same digit.
+uvec2 same_digits(uint digit, uint lane) {
+    uvec2 same = uvec2(0u);
+    [[unroll]] for (uint i = 0u; i < LANES; i++) {
+        uint equal = uint(subgroupShuffle(digit, i) == digit);
+        same += uvec2(i < lane ? equal : 0u, i > lane ? equal : 0u);
+    }
+    return same;
+}
+
+shared uint places[DIGITS];
+
+void main() {
+    uint lane = gl_SubgroupInvocationID;
+    uint tile = gl_WorkGroupID.x;
+    // The places behind the digit's first key become places among all keys.
+    uint before = 0u;
+    for (uint first = 0u; first < DIGITS; first += LANES) {
+        uint total = totals[first + lane];
+        uint count = counts[count_place(first + lane, tile)];
+        uint mine = before;
+        [[unroll]] for (uint i = 0u; i < LANES; i++) {
+            uint other = subgroupShuffle(total, i);
+            mine += i < lane ? other : 0u;
+            before += other;
+        }
+        places[first + lane] = mine + count;
+    }
+    uint begin = tile * TILE;
+    uint end = min(begin + TILE, sort.count);
+    for (uint first = begin; first < end; first += LANES) {
+        uint at = first + lane;
+        uint key = at < end ? keys_in[at] : 0u;
+        uint digit = at < end ? digit_of(key) : NONE;
+        uvec2 same = same_digits(digit, lane);
+        if (at < end) {
+            uint place = places[digit] + same.x;
+            if (same.y == 0u) places[digit] = place + 1u;
+            move_key(key, at, place);
+        }
+    }
+}
