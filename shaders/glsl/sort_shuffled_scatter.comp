@@ -38,6 +38,7 @@ void main() {
         }
         places[first + lane] = mine + count;
     }
+    subgroupMemoryBarrierShared();
     uint begin = tile * TILE;
     uint end = min(begin + TILE, sort.count);
     for (uint first = begin; first < end; first += LANES) {
@@ -45,10 +46,12 @@ void main() {
         uint key = at < end ? keys_in[at] : 0u;
         uint digit = at < end ? digit_of(key) : NONE;
         uvec2 same = same_digits(digit, lane);
+        // A processor's lanes go in step: all have read before one writes.
         if (at < end) {
             uint place = places[digit] + same.x;
             if (same.y == 0u) places[digit] = place + 1u;
             move_key(key, at, place);
         }
+        subgroupMemoryBarrierShared();
     }
 }
