@@ -12,6 +12,7 @@ use std::{env, fs};
 /// Constant name, source file, macros.
 const SHADERS: &[(&str, &str, &[&str])] = &[
     ("PROJECT_COMP", "project.comp", &[]),
+    ("COUNT_COMP", "count.comp", &[]),
     ("PLAN_COMP", "plan.comp", &[]),
     ("EMIT_COMP", "emit.comp", &[]),
     ("SORT_KEYS_COMP", "sort_keys.comp", &[]),

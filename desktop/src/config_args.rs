@@ -36,8 +36,12 @@ impl ConfigArgs {
 
     /// A configuration with the expansion that is fastest on a device for so many splats, where none was asked for.
     pub fn on(&self, config: RenderConfig, gpu: &Gpu, splats: u32, views: &[View]) -> RenderConfig {
-        let said = self.names("expansion") || self.preset.is_some();
-        if said { config } else { config.on(&gpu.capabilities, splats, views) }
+        if self.leaves_expansion() { config.on(&gpu.capabilities, splats, views) } else { config }
+    }
+
+    /// Whether nobody has said which expansion to draw with.
+    pub fn leaves_expansion(&self) -> bool {
+        !self.names("expansion") && self.preset.is_none()
     }
 
     /// What goes before the scene's plan, where scenes are drawn by plan.

@@ -4,6 +4,7 @@ mod choices;
 mod config;
 pub mod detail;
 mod frame;
+pub mod frustum;
 pub mod gpu;
 mod lens;
 pub mod motion;

@@ -36,6 +36,7 @@ pub(crate) enum FullScreen {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Preparation {
     Project,
+    Count,
     Plan,
     Emit,
     Schedule,
@@ -223,6 +224,7 @@ impl Passes {
         }
         let code = match what {
             Preparation::Project => modules::PROJECT_COMP,
+            Preparation::Count => modules::COUNT_COMP,
             Preparation::Plan => modules::PLAN_COMP,
             Preparation::Emit => modules::EMIT_COMP,
             Preparation::Schedule => modules::SCHEDULE_COMP,

@@ -6,7 +6,7 @@ use crate::order::OrderRequest;
 use crate::report::FrameReport;
 use ash::vk;
 use gpu_allocator::MemoryLocation;
-use motes_shaders::layout::{BLOCK, DEPTH_TABLE_BYTES, DUE_BYTES, Plan, RECORD_WORDS, TILES};
+use motes_shaders::layout::{BLOCK, BLOCK_BYTES, DEPTH_TABLE_BYTES, DUE_BYTES, Plan, RECORD_WORDS, TILES};
 use std::sync::Arc;
 
 /// An order that was made on the device.
@@ -57,10 +57,12 @@ pub(crate) struct Workspace {
     /// The order of both eyes or the first, and the second eye's own.
     pub orders: [Order; 2],
     pub records: [Buffer; 2],
+    /// The order in blocks.
     pub blocks: Buffer,
-    /// Where each splat lies in the image of each view.
+    /// Pixels of each splat of the scene.
+    pub areas: Buffer,
+    /// Where each of them lies in the image of each view.
     pub footprints: Buffer,
-    pub offsets: Buffer,
     /// Light that each step of the order takes from each tile of the image.
     pub depths: Buffer,
     /// Tiles that are marked after each batch.
@@ -111,9 +113,9 @@ impl Workspace {
                 buffer("records of view 0", record_bytes, storage)?,
                 buffer("records of view 1", record_bytes, storage)?,
             ],
-            blocks: buffer("block sums", 8 * blocks, storage)?,
+            blocks: buffer("blocks", u64::from(BLOCK_BYTES) * blocks, storage)?,
+            areas: buffer("areas", 4 * n, storage)?,
             footprints: buffer("footprints", 8 * n, storage)?,
-            offsets: buffer("block offsets", 8 * blocks, storage)?,
             depths: buffer(
                 "optical depths",
                 DEPTH_TABLE_BYTES,

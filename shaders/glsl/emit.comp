@@ -1,15 +1,13 @@
 #version 460
-// Writes the list of visible splats, in order: stable compaction by prefix sums. Where pixels stop early, also adds up how
-// much light each bin of the order takes from each tile of the image.
-#include "records.glsl"
+// Writes the list of visible splats, in order: behind those of the blocks before, and of their own block. Where pixels stop
+// early, also adds up how much light each bin of the order takes from each tile of the image.
+#include "drawn.glsl"
 
-layout(local_size_x = BLOCK) in;
+layout(local_size_x = WORKGROUP) in;
+layout(set = 2, binding = 2, std430) readonly buffer Blocks { Block blocks[]; };
 layout(set = 2, binding = 3, std430) readonly buffer Footprints { uint footprints[]; };
-layout(set = 2, binding = 4, std430) readonly buffer Offsets { uvec2 offsets[]; };
 layout(set = 2, binding = 6, std430) writeonly buffer Visible { uint visible[]; };
 layout(set = 2, binding = 7, std430) buffer Depths { uint depths[]; };
-
-shared uint ranks[BLOCK];
 
 // A splat over many tiles adds to every n-th of them n times as much, beginning with one of its own.
 const uint MOST_STEPS = 8u;
@@ -28,25 +26,17 @@ void add_depth(uint bin, uint view, uint slot, uint word) {
 }
 
 void main() {
-    uint local = gl_LocalInvocationID.x;
     uint slot = gl_GlobalInvocationID.x;
-    uint flag = 0u;
-    uvec2 place = offsets[gl_WorkGroupID.x];
-    if (slot < frame.counts.x) {
+    if (slot >= frame.counts.x) return;
+    uint seen = blocks[slot / BLOCK].seen;
+    uint bit = 1u << (slot % BLOCK);
+    if ((seen & bit) == 0u) return;
+    uint i = drawn_splat(slot);
+    visible[blocks[slot / BLOCK].place + uint(bitCount(seen & (bit - 1u)))] = i;
+    if (frame.counts.y > 1u) {
         for (uint view = 0u; view < VIEWS; view++) {
-            uint word = footprints[slot * VIEWS + view];
-            if (word == 0u) continue;
-            flag = 1u;
-            if (frame.counts.y > 1u) add_depth(place.y, view, slot, word);
+            uint word = footprints[i * VIEWS + view];
+            if (word != 0u) add_depth(blocks[slot / BLOCK].bin, view, slot, word);
         }
     }
-    ranks[local] = flag;
-    barrier();
-    for (uint step = 1u; step < BLOCK; step <<= 1) {
-        uint r = local >= step ? ranks[local - step] : 0u;
-        barrier();
-        ranks[local] += r;
-        barrier();
-    }
-    if (flag != 0u) visible[place.x + ranks[local] - 1u] = slot;
 }

@@ -63,8 +63,12 @@ const uint HISTORY_NONE = 0;
 const uint HISTORY_STILL = 1;
 const uint HISTORY_MOVING = 2;
 
-// Splats that one compute workgroup handles; also the granularity of batches.
-const uint BLOCK = 128;
+// Invocations of a workgroup of the passes before drawing.
+const uint WORKGROUP = 128;
+// Splats of a block of the order, one bit each; also the granularity of batches.
+const uint BLOCK = 32;
+// Of the counts of a frame: all of the scene is drawn.
+const uint WHOLE_SCENE = 1u << 30;
 // Splats that one draw instance covers.
 const uint QUADS_PER_INSTANCE = 256;
 // Polygons up to this many pixels are squares where the shape is adaptive: an octagon saves a sixth of their pixels, and costs
@@ -95,7 +99,7 @@ layout(set = 0, binding = 0, std140) uniform Frame {
     vec4 sort_center; // point from which the radial key is measured; scene axes, relative to the origin; w: half a checkerboard's odd steps
     vec4 cull;        // near (m), near fade (m), least opacity, least contribution (px)
     vec4 filters;     // low-pass variance (px² of the rendered image), max radius (px), transmittance below which a pixel is opaque, time
-    uvec4 counts;     // splats, batches, corners, stochastic: sample and (uppermost bit) whether by depth
+    uvec4 counts;     // splats, batches, corners, stochastic: sample, WHOLE_SCENE, and (uppermost bit) whether by depth
     uvec4 sampling;   // interleaved: pitch (16.16), step of the cycle, HISTORY_*, share of history in motion (float)
     vec4 shown;       // width, height of the shown image (px); a sample's largest offset (slope); rendered px per filtered px
     vec4 reprojection[6]; // three rows a view: from the shown image (0 .. 1, 0 .. 1, 1) to the one before

@@ -4,7 +4,6 @@
 // whose bins say what each step of the order takes there.
 #include "scene.glsl"
 #include "records.glsl"
-layout(set = 2, binding = 0, std430) readonly buffer Order { uint order[]; };
 layout(set = 2, binding = 5, std430) readonly buffer PlanBuffer { Plan plan; };
 layout(set = 2, binding = 6, std430) readonly buffer Visible { uint visible[]; };
 layout(set = 2, binding = 7, std430) readonly buffer Depths { uint depths[]; }; // bin, view, tile
@@ -21,7 +20,7 @@ bool by_depth() { return (frame.counts.w >> 31) != 0u; }
 
 // 1 / what the order goes by, of the splat before an entry in the list of visible ones.
 float closeness_before(uint entry) {
-    uint splat = order[visible[max(entry, 1u) - 1u]];
+    uint splat = visible[max(entry, 1u) - 1u];
     vec3 mean = splat_mean(splat);
     if (MOTION) mean = moved_mean(mean, splat, frame.filters.w);
     vec3 d = mean - frame.sort_center.xyz;

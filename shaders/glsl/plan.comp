@@ -1,11 +1,10 @@
 #version 460
 // One workgroup: prefix sums over the blocks' counts and pixels; where each block's splats go and in which bin they are.
-#include "records.glsl"
+#include "drawn.glsl"
 
 const uint THREADS = BINS;
 layout(local_size_x = THREADS) in;
-layout(set = 2, binding = 2, std430) buffer Blocks { vec2 blocks[]; };
-layout(set = 2, binding = 4, std430) writeonly buffer Offsets { uvec2 offsets[]; }; // first entry in the list of visible splats, bin
+layout(set = 2, binding = 2, std430) buffer Blocks { Block blocks[]; };
 layout(set = 2, binding = 5, std430) buffer PlanBuffer { Plan plan; };
 
 shared uint counts[THREADS];
@@ -23,8 +22,8 @@ void main() {
     uint count = 0u;
     float area = 0.0;
     for (uint b = begin; b < end; b++) {
-        count += uint(blocks[b].x);
-        area += blocks[b].y;
+        count += uint(bitCount(blocks[b].seen));
+        area += blocks[b].area;
     }
     counts[local] = count;
     areas[local] = area;
@@ -45,9 +44,10 @@ void main() {
     float area_before = local > 0u ? areas[local - 1u] : 0.0;
     for (uint b = begin; b < end; b++) {
         uint bin = total > 0.0 ? min(uint(area_before / total * float(BINS)), BINS - 1u) : 0u;
-        offsets[b] = uvec2(before, bin);
-        before += uint(blocks[b].x);
-        area_before += blocks[b].y;
+        blocks[b].place = before;
+        blocks[b].bin = bin;
+        before += uint(bitCount(blocks[b].seen));
+        area_before += blocks[b].area;
         atomicMax(ends[bin], before);
     }
     barrier();

@@ -1,19 +1,17 @@
 #version 460
-// One invocation per splat, in sorted order: projects it into every view, evaluates its colour, writes its records,
-// and counts what its workgroup draws.
+// One invocation per splat: projects it into every view, evaluates its colour, writes its records, and says how many pixels it
+// has. In the order in which the scene lies in memory, where all of it is drawn: what is fetched at random places instead, by
+// what comes later, is four bytes a splat, and the records of those that are seen.
 #include "harmonics.glsl"
-#include "records.glsl"
+#include "drawn.glsl"
 
-layout(local_size_x = BLOCK) in;
-layout(set = 2, binding = 0, std430) readonly buffer Order { uint order[]; };
+layout(local_size_x = WORKGROUP) in;
 layout(set = 2, binding = 1, std430) writeonly buffer Records { uint words[]; } records[2];
-layout(set = 2, binding = 2, std430) writeonly buffer Blocks { vec2 blocks[]; }; // visible splats, pixels
 layout(set = 2, binding = 3, std430) writeonly buffer Footprints { uint footprints[]; }; // one a view; 0: not in it
+layout(set = 2, binding = 4, std430) writeonly buffer Areas { float areas[]; }; // pixels of both views; 0: in neither
 
-shared vec2 sums[BLOCK];
-
-void write_record(uint view, uint slot, Ellipse e, vec3 color) {
-    uint at = slot * record_words();
+void write_record(uint view, uint splat, Ellipse e, vec3 color) {
+    uint at = splat * record_words();
     uint rg = packHalf2x16(color.rg);
     uint ba = packHalf2x16(vec2(color.b, e.visible ? e.opacity : 0.0));
     vec2 center = pack_center(e.m);
@@ -55,42 +53,26 @@ uint footprint(Ellipse e, ViewData view) {
 }
 
 void main() {
-    uint n = frame.counts.x;
     uint slot = gl_GlobalInvocationID.x;
-    vec2 mine = vec2(0.0);
-    if (slot < n) {
-        uint i = slot;
-        if (COMPOSITE == COMPOSITE_STOCHASTIC) {
-            if (PARTS) i = part_splat(slot);
-        } else i = order[COMPOSITE == COMPOSITE_BACK_TO_FRONT ? n - 1u - slot : slot];
-        Splat s = read_splat(i);
-        if (MOTION) move_splat(s, i, frame.filters.w);
-        Ellipse e[2];
-        bool visible = false;
-        for (uint view = 0u; view < VIEWS; view++) {
-            e[view] = project_splat(s, frame.views[view]);
-            visible = visible || e[view].visible;
-            mine.y += e[view].visible ? drawn_area(e[view].area) : 0.0;
-        }
-        if (visible) {
-            for (uint view = 0u; view < VIEWS; view++) {
-                vec3 color = splat_color(i, s.base, normalize(s.mean - frame.views[view].eye.xyz));
-                write_record(view, slot, e[view], color);
-            }
-            mine.x = 1.0;
-        }
-        // Where no batches end early, nobody asks where the light is taken.
-        bool stops = frame.counts.y > 1u;
-        for (uint view = 0u; view < VIEWS; view++)
-            footprints[slot * VIEWS + view] = !e[view].visible ? 0u : stops ? footprint(e[view], frame.views[view]) : 1u;
+    if (slot >= frame.counts.x) return;
+    uint i = whole_scene() ? slot : drawn_splat(slot);
+    Splat s = read_splat(i);
+    if (MOTION) move_splat(s, i, frame.filters.w);
+    Ellipse e[2];
+    bool visible = false;
+    float area = 0.0;
+    for (uint view = 0u; view < VIEWS; view++) {
+        e[view] = project_splat(s, frame.views[view]);
+        visible = visible || e[view].visible;
+        area += e[view].visible ? drawn_area(e[view].area) : 0.0;
     }
-    // A tree, not an atomic: sums of floats come out the same every time.
-    uint local = gl_LocalInvocationID.x;
-    sums[local] = mine;
-    barrier();
-    for (uint step = BLOCK / 2u; step > 0u; step >>= 1) {
-        if (local < step) sums[local] += sums[local + step];
-        barrier();
+    areas[i] = visible ? max(area, 1e-12) : 0.0;
+    if (!visible) return;
+    // Where no batches end early, nobody asks where the light is taken.
+    bool stops = frame.counts.y > 1u;
+    for (uint view = 0u; view < VIEWS; view++) {
+        vec3 color = splat_color(i, s.base, normalize(s.mean - frame.views[view].eye.xyz));
+        write_record(view, i, e[view], color);
+        if (stops) footprints[i * VIEWS + view] = e[view].visible ? footprint(e[view], frame.views[view]) : 0u;
     }
-    if (local == 0u) blocks[gl_WorkGroupID.x] = sums[0];
 }

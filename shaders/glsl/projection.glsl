@@ -167,6 +167,24 @@ bool in_frustum(Plane plane, Reach reach, vec4 tangents) {
     return true;
 }
 
+// Whether a splat may enter the frustum at all: a ball around it, in the planes' own measure. What it leaves out in_frustum
+// would leave out too, but after all of the projection. In every projection the part of the plane that is drawn lies within
+// the splat's ellipsoid (affine: as it looks where the image is flat), widened by the filter; so the support function of none
+// of them exceeds the ball's. Twin: renderer/src/frustum.rs.
+bool ball_in_frustum(vec3 mean, vec3 scale, ViewData view) {
+    const float SURE = 1.001; // beyond what rounding can add
+    float k = RADIUS == RADIUS_FULL ? sqrt(-2.0 * log(MIN_ALPHA)) : 2.8284271;
+    float depth = PROJECTION == PROJECTION_AFFINE ? mean.z : length(mean);
+    vec2 pixel = depth / view.image.xy;
+    float longest = max(max(scale.x, scale.y), scale.z);
+    // Both low-pass filters at once: each is at most that.
+    float ball = SURE * k * sqrt(longest * longest + 2.0 * frame.filters.x * dot(pixel, pixel));
+    vec4 tangents = view.tangents;
+    vec4 slopes = PROJECTION == PROJECTION_AFFINE ? 1.3 * tangents : tangents;
+    vec4 beyond = vec4(tangents.x * mean.z - mean.x, mean.x - tangents.y * mean.z, tangents.z * mean.z - mean.y, mean.y - tangents.w * mean.z);
+    return all(lessThanEqual(beyond, ball * sqrt(1.0 + slopes * slopes))) && mean.z > -ball;
+}
+
 // The 2 x 2 minors of two rows of the matrix [splat axes | filter along x | filter along y].
 struct Minors {
     vec3 splat;
@@ -202,6 +220,7 @@ Ellipse project_splat(Splat s, ViewData view) {
     bool perspective = LENS == LENS_PERSPECTIVE;
     float depth = affine ? mean.z : length(mean);
     if (!(depth > frame.cull.x)) return e;
+    if (perspective && PRECISION != PRECISION_F16_NAIVE && RADIUS != RADIUS_TILES && !ball_in_frustum(mean, s.scale, view)) return e;
     if (frame.cull.y > 0.0) e.opacity *= clamp((depth - frame.cull.x) / frame.cull.y, 0.0, 1.0);
 
     // The low-pass filter in three dimensions widens the scales by the pixel's size at the splat.

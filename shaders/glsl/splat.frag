@@ -71,7 +71,7 @@ void main() {
     float alpha = min(MAX_ALPHA, color.a * exp2(-HALF_LOG2_E * d2));
     if (!(alpha >= MIN_ALPHA)) LEAVE
 #ifdef STOCHASTIC
-    if (!(chance(uvec2(gl_FragCoord.xy), splat, frame.counts.w & 0x7fffffffu) < alpha)) LEAVE
+    if (!(chance(uvec2(gl_FragCoord.xy), splat, frame.counts.w & 0x3fffffffu) < alpha)) LEAVE
     blended = vec4(color.rgb, 1.0);
 #else
     blended = vec4(color.rgb * alpha, alpha);

@@ -78,10 +78,8 @@ void main() {
     plane = c.plane;
 #endif
 #ifdef STOCHASTIC
-    // Nobody has sorted: the list holds the splats themselves, or their places. All of a splat lies at its own distance, and nearer is
-    // greater, where floats are dense for what is far.
+    // Nobody has sorted. All of a splat lies at its own distance, and nearer is greater, where floats are dense for what is far.
     splat = visible[at];
-    if (PARTS) splat = part_splat(splat);
     vec3 mean = splat_mean(splat);
     if (MOTION) mean = moved_mean(mean, splat, frame.filters.w);
     vec3 d = mean - frame.sort_center.xyz;

@@ -2,8 +2,14 @@
 
 use bytemuck::{Pod, Zeroable};
 
-/// Splats that one compute workgroup handles.
-pub const BLOCK: u32 = 128;
+/// Invocations of a workgroup of the passes before drawing.
+pub const WORKGROUP: u32 = 128;
+/// Splats of a block of the order.
+pub const BLOCK: u32 = 32;
+/// Bytes of what is known of a block.
+pub const BLOCK_BYTES: u32 = 16;
+/// Of the counts of a frame: all of the scene is drawn.
+pub const WHOLE_SCENE: u32 = 1 << 30;
 /// Splats that one draw instance covers.
 pub const QUADS_PER_INSTANCE: u32 = 256;
 /// Most batches of an early-stop frame.

@@ -68,6 +68,9 @@ fn main() {
                 ("on this device".to_owned(), tangent.clone().on(&gpu.capabilities, scene.splats, views)),
             ];
             configs.extend(others.iter().map(|text| (text.clone(), changed(&tangent, text))));
+            offscreen.sort(&scene, views, &tangent);
+            let visible = offscreen.draw(&scene, views, &tangent).unwrap().visible;
+            println!("{name:18} {} view(s): {visible} of {} splats in sight", views.len(), scene.splats);
             // Seconds by the clock, of processor time, and on the device for order, preparation and drawing.
             let mut time = |config: &RenderConfig| -> [f64; 5] {
                 offscreen.sort(&scene, views, config);

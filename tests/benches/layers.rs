@@ -9,8 +9,8 @@ use motes_desktop::measure::{Picture as Measured, Settings, compare};
 use motes_renderer::gpu::{Gpu, GpuOptions};
 use motes_renderer::reference::{self, ReferenceOptions};
 use motes_renderer::{
-    Composite, Marks, Offscreen, Packing, Picture, Precision, Projection, RenderConfig, SceneOnDevice,
-    ShPrecision, TargetFormat,
+    Composite, Expansion, Marks, Offscreen, Packing, Picture, Precision, Projection, RenderConfig,
+    SceneOnDevice, ShPrecision, TargetFormat,
 };
 use motes_tests::golden::{NAMES, golden_view};
 
@@ -91,6 +91,21 @@ fn main() {
                 let apart = compare(&all_exact, &exact, &Settings::default()).unwrap().flip.mean;
                 println!("{:53} FLIP to every layer {flip:.5}; in rgba32f {apart:.5}", "");
             }
+        }
+        // By tiles, blended in full precision whatever the target; against themselves without a stop.
+        for &stop_below in &stops {
+            let [every, stopped] = [Composite::FrontToBack, Composite::EarlyStop].map(|composite| {
+                let config = RenderConfig {
+                    projection,
+                    composite,
+                    stop_below,
+                    expansion: Expansion::Tiles,
+                    ..Default::default()
+                };
+                measured(&count(&mut offscreen, &format!("tiles, {composite} at {stop_below:.4}"), &config))
+            });
+            let flip = compare(&every, &stopped, &Settings::default()).unwrap().flip.mean;
+            println!("{:53} FLIP to every layer {flip:.5}", "");
         }
         let options = ReferenceOptions {
             projection: Projection::Affine,

@@ -59,22 +59,22 @@ fn calls_and_passes_of_a_frame() {
         (r.draws, r.passes, r.dispatches)
     };
     let all = every_layer();
-    // All splats in one call, and the resolve. Four dispatches prepare: project, plan, emit, schedule.
-    assert_eq!(calls(&one, &all, Stereo::Multiview), (2, 1, 4));
+    // All splats in one call, and the resolve. Five dispatches prepare: project, count, plan, emit, schedule.
+    assert_eq!(calls(&one, &all, Stereo::Multiview), (2, 1, 5));
     let instanced = RenderConfig { expansion: Expansion::Instanced, ..all.clone() };
     assert_eq!(calls(&one, &instanced, Stereo::Multiview), (2, 1, 0));
     // Both eyes cost no further call in one pass, and all of it again in two.
-    assert_eq!(calls(&two, &all, Stereo::Multiview), (2, 1, 4));
-    assert_eq!(calls(&two, &all, Stereo::TwoPass), (4, 2, 4));
+    assert_eq!(calls(&two, &all, Stereo::Multiview), (2, 1, 5));
+    assert_eq!(calls(&two, &all, Stereo::TwoPass), (4, 2, 5));
     // Early stop: a call a batch, a mark between two, the resolve.
     for batches in [2, 8] {
         let stop = RenderConfig { batches, ..Default::default() };
-        assert_eq!(calls(&one, &stop, Stereo::Multiview), (2 * batches, 1, 4));
+        assert_eq!(calls(&one, &stop, Stereo::Multiview), (2 * batches, 1, 5));
     }
     // A reduced resolution adds one pass with one call, which replaces the resolve.
     for upscale in [Upscale::Bilinear, Upscale::Interleaved] {
         let reduced = RenderConfig { resolution_scale: 0.5, upscale, ..all.clone() };
-        assert_eq!(calls(&one, &reduced, Stereo::Multiview), (2, 2, 4), "{upscale}");
+        assert_eq!(calls(&one, &reduced, Stereo::Multiview), (2, 2, 5), "{upscale}");
     }
 }
 

@@ -1,6 +1,6 @@
 //! The structures and constants that host and shaders share, in Rust and as SPIR-V reflection sees them.
 
-use motes_shaders::layout::{BLOCK, Draw, FrameData, MarkDraw, Plan, Specialization, ViewData};
+use motes_shaders::layout::{Draw, FrameData, MarkDraw, Plan, Specialization, ViewData, WORKGROUP};
 use motes_shaders::modules;
 use motes_tests::spirv::Specialized;
 use std::collections::BTreeMap;
@@ -28,7 +28,7 @@ fn structures_have_the_offsets_that_reflection_sees() {
     // Control: an offset that is off by a word is seen.
     plans.insert("area".to_owned(), offset_of!(Plan, area) as u32 + 4);
     assert_ne!(plan.offsets("Plan"), plans);
-    assert_eq!(project.local_size(), Some(BLOCK));
+    assert_eq!(project.local_size(), Some(WORKGROUP));
 }
 
 #[test]

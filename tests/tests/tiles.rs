@@ -131,9 +131,9 @@ fn pictures_are_the_same_every_time_and_in_one_pass_or_two() {
     let (two, parts) = draw(Stereo::TwoPass);
     assert_eq!(first, two);
     assert_ne!(first[0], first[1], "both eyes must not see the same");
-    // Four dispatches prepare, four blend; the outcome is shown, and resolved.
-    assert_eq!((report.draws, report.passes, report.dispatches), (2, 1, 8));
-    assert_eq!((parts.draws, parts.passes, parts.dispatches), (4, 2, 12));
+    // Five dispatches prepare, four blend; the outcome is shown, and resolved.
+    assert_eq!((report.draws, report.passes, report.dispatches), (2, 1, 9));
+    assert_eq!((parts.draws, parts.passes, parts.dispatches), (4, 2, 13));
     assert_eq!(report.fragments, parts.fragments);
 }
 

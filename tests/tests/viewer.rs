@@ -127,8 +127,9 @@ fn the_governor_holds_its_budget_and_gives_back_what_it_took() {
     // Control: without steps the frame is over the budget.
     assert!(whole > budget && governor.cost() <= budget && governor.is_at_rest());
     assert!(governor.level() > 0 && changes <= LADDER.len(), "{changes} changes");
-    // Each step up was taken since the one before did not suffice, and none made it worse.
-    assert!(level_costs.windows(2).all(|c| c[1] <= c[0] * 1.001), "{level_costs:?}");
+    // Each step up was taken since the one before did not suffice, and none made it worse. (What early stop leaves is
+    // predicted from bins of the order, whose borders move when splats go: by some thousandths.)
+    assert!(level_costs.windows(2).all(|c| c[1] <= c[0] * 1.005), "{level_costs:?}");
 
     governor.set_budget(Budget::Layers(3.0 * whole));
     for _ in 0..1200 {

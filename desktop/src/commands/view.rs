@@ -59,6 +59,7 @@ pub fn run(args: &ViewArgs) -> Result<(), CommandError> {
     window::run(WindowOptions {
         scenes: args.scenes.paths(),
         config: args.config.config(),
+        suit_device: args.config.leaves_expansion(),
         by_plan: args.config.by_plan(),
         budget: args.budget,
         lod_target: args.lod_target,

@@ -207,6 +207,7 @@ pub fn open_window(args: &XrArgs) -> Result<(), CommandError> {
     window::run(WindowOptions {
         scenes: args.scenes.paths(),
         config: args.config(),
+        suit_device: args.config.leaves_expansion(),
         by_plan: args.config.by_plan(),
         budget: args.budget,
         lod_target: args.lod_target,

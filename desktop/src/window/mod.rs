@@ -40,6 +40,8 @@ pub struct WindowOptions {
     pub scenes: Vec<PathBuf>,
     /// How frames are drawn.
     pub config: RenderConfig,
+    /// Whether another expansion may take the default one's place where the device draws with it faster.
+    pub suit_device: bool,
     /// Scenes are drawn by plan, but for what is asked for here.
     pub by_plan: Option<Overrides>,
     /// What a frame may take; nothing is held without.
@@ -202,7 +204,8 @@ impl Open {
             window.theme(),
             Some(gpu.capabilities.max_image_side as usize),
         );
-        let screen = Screen::new(&gpu, display, handle, window.inner_size().into(), options.paced)?;
+        let mut screen = Screen::new(&gpu, display, handle, window.inner_size().into(), options.paced)?;
+        screen.suit_device = options.suit_device;
         let mut viewer = Viewer::new(&gpu, options.config.clone());
         viewer.detail.target = options.lod_target;
         viewer.memory = options.lod_memory;

@@ -9,7 +9,8 @@ use motes_app::viewer::{Figures, Viewer};
 use motes_renderer::gpu::{Gpu, GpuError, Image, ImageDescription};
 use motes_renderer::pipeline_cache;
 use motes_renderer::{
-    ConfigError, DrawRequest, Lens, Offscreen, RenderConfig, Renderer, Stereo, Target, View,
+    ConfigError, DrawRequest, Expansion, Lens, Offscreen, RenderConfig, Renderer, SceneOnDevice, Stereo,
+    Target, View,
 };
 use winit::raw_window_handle::{RawDisplayHandle, RawWindowHandle};
 
@@ -34,6 +35,10 @@ pub struct Screen {
     frames: usize,
     /// The last configuration that the device accepted.
     accepted: RenderConfig,
+    /// Whether another expansion may take the default one's place where the device draws with it faster.
+    pub suit_device: bool,
+    /// The expansion of the last frame.
+    expansion: Expansion,
 }
 
 impl Screen {
@@ -69,6 +74,8 @@ impl Screen {
             stale: None,
             frames: 0,
             accepted: RenderConfig::default(),
+            suit_device: false,
+            expansion: RenderConfig::default().expansion,
         })
     }
 
@@ -124,6 +131,8 @@ impl Screen {
             self.stale = self.stale.or(Some(size));
             return Ok(self.renderer.submit(frame, &[], &[])?);
         };
+        // A budget is that of a headset, which draws polygons.
+        let suit_device = self.suit_device && viewer.governor.is_none();
         match (viewer.frame(&views, &config), &self.eyes) {
             (Some((scene, order)), Some(eyes)) => {
                 let target = Target {
@@ -138,6 +147,11 @@ impl Screen {
                 };
                 let one_pass = self.gpu.capabilities.multiview && !config.sort_per_eye;
                 let stereo = if one_pass { Stereo::Multiview } else { Stereo::TwoPass };
+                let config = suited(&self.gpu, suit_device, config, scene, &views);
+                if config.expansion != self.expansion {
+                    self.expansion = config.expansion;
+                    log::info!("splats are drawn by {}", config.expansion);
+                }
                 let request =
                     DrawRequest { scene, order, views: &views, config: &config, target: &target, stereo };
                 self.renderer.draw(&frame, &request)?;
@@ -201,9 +215,22 @@ impl Screen {
             Some(offscreen) => offscreen,
             none => none.insert(Offscreen::new(&self.gpu)?),
         };
+        let suit_device = self.suit_device && viewer.governor.is_none();
+        let config = suited(&self.gpu, suit_device, config, stage.shown(), views);
         let (pictures, _) = offscreen.render(stage.shown(), views, &config)?;
         pictures.iter().map(picture_of).collect()
     }
+}
+
+/// A configuration, with the expansion that suits the device where that is left to it.
+fn suited(
+    gpu: &Gpu,
+    left: bool,
+    config: RenderConfig,
+    scene: &SceneOnDevice,
+    views: &[View],
+) -> RenderConfig {
+    if left { config.on(&gpu.capabilities, scene.splats, views) } else { config }
 }
 
 /// Lenses other than perspective are for pictures.

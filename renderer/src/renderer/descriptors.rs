@@ -59,7 +59,7 @@ impl Renderer {
         let singles = [
             &workspace.blocks,
             &workspace.footprints,
-            &workspace.offsets,
+            &workspace.areas,
             &workspace.plan,
             &workspace.visible,
             &workspace.depths,
@@ -73,7 +73,7 @@ impl Renderer {
                 .buffer_info(infos)
         };
         let storage = vk::DescriptorType::STORAGE_BUFFER;
-        let [blocks, footprints, offsets, plan, visible, depths, due] = &singles;
+        let [blocks, footprints, areas, plan, visible, depths, due] = &singles;
         // Arrays: a frame allocates nothing.
         let writes = [
             write(0, 0, vk::DescriptorType::UNIFORM_BUFFER, &uniform[..]),
@@ -85,7 +85,7 @@ impl Renderer {
             write(2, 1, storage, &records),
             write(2, 2, storage, blocks),
             write(2, 3, storage, footprints),
-            write(2, 4, storage, offsets),
+            write(2, 4, storage, areas),
             write(2, 5, storage, plan),
             write(2, 6, storage, visible),
             write(2, 7, storage, depths),

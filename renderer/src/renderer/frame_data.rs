@@ -8,7 +8,7 @@ use crate::scene::SceneOnDevice;
 use crate::view::View;
 use ash::vk;
 use glam::DVec3;
-use motes_shaders::layout::{FrameData, MAX_BATCHES, Specialization, ViewData};
+use motes_shaders::layout::{FrameData, MAX_BATCHES, Specialization, ViewData, WHOLE_SCENE};
 use std::mem::offset_of;
 
 pub(super) fn specialization(
@@ -105,11 +105,12 @@ pub(super) fn frame_data(
     data.sort_center = (midpoint(views) - scene.origin).as_vec3().extend(odd).to_array();
     data.cull = [config.near, config.near_fade, config.min_opacity, config.min_contribution];
     data.filters = [0.3, config.max_radius * width.max(height), config.stop_below, config.time];
+    let whole_scene = if ordered == scene.splats { WHOLE_SCENE } else { 0 };
     data.counts = [
         ordered,
         if early_stop { config.batches.min(MAX_BATCHES as u32) } else { 1 },
         config.shape.corners(),
-        sample | u32::from(config.order == OrderKey::Depth) << 31,
+        sample & (WHOLE_SCENE - 1) | whole_scene | u32::from(config.order == OrderKey::Depth) << 31,
     ];
     data.sampling = [resolution.pitch, resolution.step, past as u32, reduction.history_share.to_bits()];
     let [shown_width, shown_height] = resolution.shown.map(|s| s as f32);

@@ -7,10 +7,10 @@ use crate::passes::Preparation;
 use crate::scene::SceneOnDevice;
 use crate::workspace::Workspace;
 use ash::vk;
-use motes_shaders::layout::{BLOCK, Specialization};
+use motes_shaders::layout::{BLOCK, Specialization, WORKGROUP};
 
-/// Dispatches that prepare a frame: project, plan, emit, schedule.
-pub(super) const PREPARATION_DISPATCHES: u32 = 4;
+/// Dispatches that prepare a frame: project, count, plan, emit, schedule.
+pub(super) const PREPARATION_DISPATCHES: u32 = 5;
 
 impl Renderer {
     pub(super) fn prepare_workspace(
@@ -34,13 +34,20 @@ impl Renderer {
         sets: &[vk::DescriptorSet; 3],
         specialization: Specialization,
     ) -> Result<(), GpuError> {
-        let project = self.passes.compute(Preparation::Project, specialization)?;
-        let plan = self.passes.compute(Preparation::Plan, specialization)?;
-        let emit = self.passes.compute(Preparation::Emit, specialization)?;
-        let schedule = self.passes.compute(Preparation::Schedule, specialization)?;
+        let groups = splats.div_ceil(WORKGROUP);
+        let mut steps = [
+            (Preparation::Project, groups),
+            (Preparation::Count, splats.div_ceil(BLOCK * WORKGROUP)),
+            (Preparation::Plan, 1),
+            (Preparation::Emit, groups),
+            (Preparation::Schedule, 1),
+        ]
+        .map(|(step, groups)| (step, groups, vk::Pipeline::null()));
+        for (step, _, pipeline) in &mut steps {
+            *pipeline = self.passes.compute(*step, specialization)?;
+        }
         let depths = self.workspace.as_ref().map(|w| w.depths.raw()).unwrap_or_default();
         let device = self.gpu.device();
-        let groups = splats.div_ceil(BLOCK);
         let between = vk::MemoryBarrier::default()
             .src_access_mask(vk::AccessFlags::SHADER_WRITE)
             .dst_access_mask(vk::AccessFlags::SHADER_READ | vk::AccessFlags::SHADER_WRITE);
@@ -64,18 +71,16 @@ impl Renderer {
                 &[],
             );
             device.cmd_fill_buffer(commands, depths, 0, vk::WHOLE_SIZE, 0);
-            device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::COMPUTE, project);
-            device.cmd_dispatch(commands, groups, 1, 1);
-            let written = compute | vk::PipelineStageFlags::TRANSFER;
-            device.cmd_pipeline_barrier(commands, written, compute, none, &[filled], &[], &[]);
-            device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::COMPUTE, plan);
-            device.cmd_dispatch(commands, 1, 1, 1);
-            device.cmd_pipeline_barrier(commands, compute, compute, none, &[between], &[], &[]);
-            device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::COMPUTE, emit);
-            device.cmd_dispatch(commands, groups, 1, 1);
-            device.cmd_pipeline_barrier(commands, compute, compute, none, &[between], &[], &[]);
-            device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::COMPUTE, schedule);
-            device.cmd_dispatch(commands, 1, 1, 1);
+            let mut before = compute | vk::PipelineStageFlags::TRANSFER;
+            for (i, (_, groups, pipeline)) in steps.into_iter().enumerate() {
+                if i > 0 {
+                    let seen = if before == compute { between } else { filled };
+                    device.cmd_pipeline_barrier(commands, before, compute, none, &[seen], &[], &[]);
+                    before = compute;
+                }
+                device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::COMPUTE, pipeline);
+                device.cmd_dispatch(commands, groups, 1, 1);
+            }
             device.cmd_pipeline_barrier(
                 commands,
                 compute,
