@@ -1,12 +1,11 @@
 #version 460
 // Splats by tiles: one workgroup a tile, whose pixels stay in registers while its splats are blended front to back in full
-// precision, until all of them are finished.
+// precision, until all of them are finished; eight pixels that are, are left alone before.
 //
 // Every invocation fetches one splat, and all of them blend the eight splats one after the other: a processor's vector fetches
 // from as many places one by one, so that what each of them fetched for itself would take longer than what it is for.
 #extension GL_KHR_shader_subgroup_basic : require
 #extension GL_KHR_shader_subgroup_shuffle : require
-#extension GL_KHR_shader_subgroup_vote : require
 #extension GL_EXT_control_flow_attributes : require
 #include "interleaved.glsl"
 #include "tile_lists.glsl"
@@ -57,6 +56,12 @@ void main() {
         end = plan.visible;
     }
     uint hits = 0u;
+    // Of the eights of pixels that go on: those with a pixel of the image to begin with.
+    uint open = 0u;
+    [[unroll]] for (int i = 0; i < HELD; i++) {
+        ivec2 first = corner + held(i, ivec2(0));
+        if (first.x < int(push.width) && first.y < int(push.height)) open |= 1u << i;
+    }
     for (; at < end; at += LANES) {
         uint entry = min(at + lane, end - 1u);
         uint rank = entry;
@@ -86,12 +91,13 @@ void main() {
             }
             [[unroll]] for (int column = 0; column < TIMES.x; column++) {
                 int left = column * BLENDED.x;
-                [[dont_flatten]] if (box.x < left + BLENDED.x && box.z >= left) {
+                uint column_open = open >> uint(column * TIMES.y) & ((1u << TIMES.y) - 1u);
+                [[dont_flatten]] if (box.x < left + BLENDED.x && box.z >= left && column_open != 0u) {
                     vec2 at_top = vec2(own) + vec2(left, 0);
                     vec3 top = vec3(p.x + dot(p.yz, at_top), q.x + dot(q.yz, at_top), ahead.x + dot(ahead.yz, at_top));
                     [[unroll]] for (int row = 0; row < TIMES.y; row++) {
                         int down = row * BLENDED.y;
-                        [[dont_flatten]] if (box.y < down + BLENDED.y && box.w >= down) {
+                        [[dont_flatten]] if (box.y < down + BLENDED.y && box.w >= down && (column_open & 1u << row) != 0u) {
                             int pixel = column * TIMES.y + row;
                             vec3 on = top + vec3(p.z, q.z, ahead.z) * float(down);
                             if (SAMPLING != SAMPLING_CENTERS) on += vec3(p.y, q.y, ahead.y) * beside[pixel];
@@ -124,9 +130,12 @@ void main() {
                 }
             }
         }
-        float clearest = 0.0;
-        [[unroll]] for (int i = 0; i < HELD; i++) clearest = max(clearest, sums[i].a);
-        if (!subgroupAny(!(clearest < push.stop_below))) break;
+        uint mine = 0u;
+        [[unroll]] for (int i = 0; i < HELD; i++) mine |= sums[i].a < push.stop_below ? 0u : 1u << i;
+        uint anyones = 0u;
+        [[unroll]] for (uint i = 0u; i < LANES; i++) anyones |= subgroupShuffle(mine, i);
+        open &= anyones;
+        if (open == 0u) break;
     }
     atomicAdd(plan.blended, hits);
     uint image = push.width * push.height;
