@@ -137,6 +137,40 @@ fn pictures_are_the_same_every_time_and_in_one_pass_or_two() {
     assert_eq!(report.fragments, parts.fragments);
 }
 
+/// A small opaque thing before a hundred large faint ones: its pixels are finished, those beside it in the same tile are not.
+#[test]
+fn finished_pixels_are_left_alone_while_their_tile_goes_on() {
+    const FAINT: usize = 100;
+    let mut bench = Bench::new();
+    let mut splats = Recipe { count: 20 + FAINT, seed: 4, ..Default::default() }.still();
+    for i in 0..splats.means.len() {
+        let near = i < 20;
+        splats.means[i] = if near { [0.1, 0.0, -0.5] } else { [0.0, 0.0, 0.5 + 1e-3 * i as f32] };
+        splats.log_scales[i] = [if near { -2.5 } else { 1.5 }; 3];
+        splats.opacities[i] = if near { 0.95 } else { 0.02 };
+    }
+    let scene = SceneOnDevice::new(&bench.gpu, &splats, PLAIN).unwrap();
+    let every = every_layer(Expansion::Tiles);
+    let stop = RenderConfig { composite: Composite::EarlyStop, stop_below: 0.003, ..every.clone() };
+    // Of each tile the least and the most layers of a pixel.
+    let mut extremes = |config: &RenderConfig| {
+        let (maps, _) = bench.offscreen.layers(&scene, &[look(0.0, SIZE)], config).unwrap();
+        let columns = SIZE[0].div_ceil(16);
+        let mut tiles = vec![[f32::MAX, 0.0f32]; (columns * SIZE[1].div_ceil(16)) as usize];
+        for (place, layers) in (0..).zip(&maps[0].blended) {
+            let tile = &mut tiles[(place / SIZE[0] / 16 * columns + place % SIZE[0] / 16) as usize];
+            *tile = [tile[0].min(*layers), tile[1].max(*layers)];
+        }
+        tiles
+    };
+    let goes_on_beside = |[least, most]: &[f32; 2]| *most >= FAINT as f32 && *least <= 0.5 * FAINT as f32;
+    let tiles = extremes(&stop);
+    assert!(tiles.iter().any(goes_on_beside), "{tiles:?}");
+    // Control: without a stop nothing is left alone.
+    let tiles = extremes(&every);
+    assert!(!tiles.iter().any(goes_on_beside), "{tiles:?}");
+}
+
 #[test]
 fn opaque_tiles_stop() {
     let mut bench = Bench::new();
