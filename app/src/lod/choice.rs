@@ -24,7 +24,7 @@ pub struct Tuning {
 
 impl Default for Tuning {
     fn default() -> Self {
-        Self { target: 0.97, margin: 0.004, fade: 0.5 }
+        Self { target: 0.97, margin: 0.004, fade: 1.0 }
     }
 }
 
@@ -349,7 +349,7 @@ mod tests {
 
     #[test]
     fn levels_fade_into_each_other() {
-        let mut choice = choice(Tuning { target: 0.9999, ..Default::default() });
+        let mut choice = choice(Tuning { target: 0.9999, fade: 0.5, ..Default::default() });
         choice.settle(&from(-6.0));
         assert!(level(&choice) == 0 && choice.at_rest());
         choice.tuning.target = 0.5;

@@ -34,7 +34,7 @@ pub struct WalkArgs {
     #[arg(long, value_name = "SSIM", default_value_t = 0.97, value_parser = lod_target)]
     pub lod_target: f64,
     /// Length of a cross-fade; 0 changes levels at once
-    #[arg(long, value_name = "SECONDS", default_value_t = 0.5, value_parser = seconds)]
+    #[arg(long, value_name = "SECONDS", default_value_t = 1.0, value_parser = seconds)]
     pub fade: f64,
     /// Length of the walk
     #[arg(long, value_name = "SECONDS", default_value_t = 12.0, value_parser = seconds)]
