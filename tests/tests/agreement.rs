@@ -120,6 +120,48 @@ fn every_filter_agrees_in_every_projection() {
     }
 }
 
+/// Splats whose middles lie beside the image, on all sides, and which reach into it: no early test may leave them out.
+#[test]
+fn what_lies_beside_the_image_shows_where_it_reaches_in() {
+    const DEVIATION: f64 = 0.3;
+    let gpu = TestGpu::new();
+    let view = &eyes()[..1];
+    let fov = view[0].fov;
+    let mut splats = Recipe { count: 80, seed: 5, ..Default::default() }.still();
+    for i in 0..splats.means.len() {
+        let along = i as f64 / splats.means.len() as f64 * 1.6 - 0.8;
+        let z = 1.5 + (i % 7) as f64 * 0.2;
+        // Up to 2.5 deviations beyond the side's plane: there a twentieth of the opacity is left.
+        let beyond =
+            |slope: f64| slope.signum() * DEVIATION * (0.5 + 0.25 * (i % 9) as f64) * slope.hypot(1.0);
+        let [x, y] = match i % 4 {
+            0 => [fov.left * z + beyond(fov.left), along * z],
+            1 => [fov.right * z + beyond(fov.right), along * z],
+            2 => [along * z, fov.up * z + beyond(fov.up)],
+            _ => [along * z, fov.down * z + beyond(fov.down)],
+        };
+        let mean = view[0].eye + view[0].rotation.transpose() * DVec3::new(x, y, z);
+        splats.means[i] = mean.as_vec3().to_array();
+        splats.log_scales[i] = [DEVIATION.ln() as f32; 3];
+        splats.opacities[i] = 0.9;
+    }
+    let on_device = SceneOnDevice::new(&gpu, &splats, PLAIN).unwrap();
+    let mut offscreen = Offscreen::new(&gpu).unwrap();
+    for &projection in Projection::ALL {
+        for &expansion in Expansion::ALL {
+            let config = RenderConfig { expansion, ..every_layer(projection, LowPass::Planar) };
+            let expected = truth(&splats, &view[0], view, &config);
+            let (picture, _) = offscreen.render(&on_device, view, &config).unwrap();
+            let db = psnr(&colours(&picture[0]), &expected);
+            println!("{projection} {expansion}: {db:.1} dB");
+            assert!(db >= 55.0, "{projection} {expansion}: {db:.1} dB");
+            // Control: without them the picture is another.
+            let wrong = psnr(&vec![[0; 3]; expected.len()], &expected);
+            assert!(wrong < 35.0, "{projection}: nothing must not pass: {wrong:.1} dB");
+        }
+    }
+}
+
 #[test]
 fn multiview_equals_two_passes_bit_for_bit() {
     let gpu = TestGpu::new();
