@@ -287,6 +287,10 @@ axis!(
 /// and what rounding adds stay below one step together.
 pub const STOP_BELOW: f32 = 0.003;
 
+/// Of that transmittance, where tiles finish a pixel. They stop every pixel by itself, at the very layer, while batches of
+/// polygons blend some behind it: at a fifth, both leave about as much out (FLIP to every layer), and tiles blend less.
+pub const TILES_STOP: f32 = 0.2;
+
 /// Everything that decides how a frame is drawn.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]

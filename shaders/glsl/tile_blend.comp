@@ -1,6 +1,6 @@
 #version 460
 // Splats by tiles: one workgroup a tile, whose pixels stay in registers while its splats are blended front to back in full
-// precision, until all of them are finished; eight pixels that are, are left alone before.
+// precision, until all of them are finished. A pixel that is finished takes nothing more; eight that are, are left alone.
 //
 // Every invocation fetches one splat, and all of them blend the eight splats one after the other: a processor's vector fetches
 // from as many places one by one, so that what each of them fetched for itself would take longer than what it is for.
@@ -116,10 +116,10 @@ void main() {
                             // Far outside nothing is left; not so little that it is a subnormal number, which takes many
                             // times as long.
                             float alpha = opacity * exp2(max(-HALF_LOG2_E * d2, -64.0));
-                            bool hit = before && alpha >= least;
+                            vec4 sum = sums[pixel];
+                            bool hit = before && alpha >= least && sum.a >= push.stop_below;
                             hits += uint(hit);
                             alpha = hit ? min(alpha, MAX_ALPHA) : 0.0;
-                            vec4 sum = sums[pixel];
                             float weight = sum.a * alpha;
                             sums[pixel] = vec4(sum.rgb + color * weight, sum.a - weight);
 #ifdef COUNT

@@ -3,9 +3,10 @@
 
 use glam::{DQuat, DVec3};
 use motes_renderer::gpu::Capabilities;
+use motes_renderer::reference::{self, ReferenceOptions};
 use motes_renderer::{
     Composite, Expansion, Fov, Lens, Offscreen, Packing, Picture, Precision, Projection, RadiusRule,
-    RenderConfig, SceneOnDevice, ShPrecision, Stereo, TargetFormat, Upscale, View,
+    RenderConfig, SceneOnDevice, ShPrecision, Stereo, TILES_STOP, TargetFormat, Upscale, View,
 };
 use motes_scenes::Splats;
 use motes_scenes::synthetic::{Random, Recipe};
@@ -157,7 +158,7 @@ fn finished_pixels_are_left_alone_while_their_tile_goes_on() {
         let (maps, _) = bench.offscreen.layers(&scene, &[look(0.0, SIZE)], config).unwrap();
         let columns = SIZE[0].div_ceil(16);
         let mut tiles = vec![[f32::MAX, 0.0f32]; (columns * SIZE[1].div_ceil(16)) as usize];
-        for (place, layers) in (0..).zip(&maps[0].blended) {
+        for (place, layers) in (0..).zip(&maps[0].shaded) {
             let tile = &mut tiles[(place / SIZE[0] / 16 * columns + place % SIZE[0] / 16) as usize];
             *tile = [tile[0].min(*layers), tile[1].max(*layers)];
         }
@@ -195,6 +196,38 @@ fn opaque_tiles_stop() {
         assert!((mean / report.layers() - 1.0).abs() < 2e-3, "{mean} and {}", report.layers());
         assert!(maps[0].mean_shaded() >= maps[0].mean_blended());
     }
+}
+
+#[test]
+fn every_pixel_blends_as_many_layers_as_a_stop_at_its_own_transmittance_leaves() {
+    let mut bench = Bench::new();
+    let mut splats = Recipe { count: 2000, seed: 6, ..Default::default() }.still();
+    splats.log_scales.fill([-1.5; 3]);
+    let scene = SceneOnDevice::new(&bench.gpu, &splats, PLAIN).unwrap();
+    let view = look(0.0, SIZE);
+    let stop = RenderConfig {
+        composite: Composite::EarlyStop,
+        stop_below: 0.01,
+        projection: Projection::Affine,
+        ..every_layer(Expansion::Tiles)
+    };
+    let (maps, _) = bench.offscreen.layers(&scene, &[view], &stop).unwrap();
+    // Of pixels, those that are a layer or more beside what the reference counts until it is as dark.
+    let beside = |count_until: f32| {
+        let options =
+            ReferenceOptions { count_until: count_until.into(), ..ReferenceOptions::of_config(&stop) };
+        let image = reference::render(&splats, &view, &options).unwrap();
+        let layers = image.pixels.iter().map(|p| p.layers_until as f32);
+        maps[0].blended.iter().zip(layers).filter(|(a, b)| **a != *b).count() as f64
+            / image.pixels.len() as f64
+    };
+    // Layers at the cut of 1/255 may fall to either side.
+    let found = beside(TILES_STOP * stop.stop_below);
+    assert!(found < 0.05, "{found}");
+    // Control: another transmittance is another count.
+    let control = beside(stop.stop_below);
+    println!("{found:.4} of the pixels are beside, {control:.4} where the reference stops earlier");
+    assert!(control > 0.5, "{control}");
 }
 
 #[test]

@@ -4,7 +4,7 @@ use super::frame_data::is_srgb;
 use super::median::FOLLOWED_BATCHES;
 use super::upscale::Reduction;
 use super::{Attachments, DrawRequest, Renderer};
-use crate::config::{Composite, Expansion};
+use crate::config::{Composite, Expansion, TILES_STOP};
 use crate::gpu::{Buffer, GpuError, Image, ImageDescription};
 use crate::passes::{FullScreen, PUSH_BYTES, Stages};
 use crate::render_pass::{PassKey, SECOND_FORMAT};
@@ -98,7 +98,7 @@ impl Renderer {
             Expansion::Tiles => {
                 let views = if pass.view_mask == 0 { view..view + 1 } else { 0..2 };
                 let early = config.composite == Composite::EarlyStop;
-                let stop_below = if early { config.stop_below } else { 0.0 };
+                let stop_below = if early { TILES_STOP * config.stop_below } else { 0.0 };
                 Some(self.record_tiles(slot, views, rendered, stop_below, specialization, sets)?)
             }
             _ => None,
