@@ -13,13 +13,17 @@
 layout(local_size_x = LANES) in;
 layout(set = 3, binding = 5, std430) writeonly buffer TilePixels { vec4 pixels[]; }; // view, pixel; then what is counted
 
-// Pixels that a workgroup blends at once, and how often they go into a tile's columns and rows.
-const ivec2 BLENDED = ivec2(4, 2);
-const ivec2 TIMES = SIDE / BLENDED;
-const int HELD = TIMES.x * TIMES.y; // pixels that an invocation holds
+// Pixels that a workgroup blends at once, four by two, go into strips of a tile, four pixels wide, which the pixels' shorter side
+// goes along. Interleaved pixels are wide: high blocks of them cover squares of the shown image.
+const bool WIDE = SAMPLING != SAMPLING_CENTERS;
+const int ACROSS = WIDE ? 1 : 0; // the axis that the strips follow each other along
+const int ALONG = 1 - ACROSS;
+const int STRIP = 4, STRIPS = SIDE / STRIP;
+const int PIECE = int(LANES) / STRIP, PIECES = SIDE / PIECE; // in a strip
+const int HELD = STRIPS * PIECES; // pixels that an invocation holds
 
 vec4 sums[HELD]; // colour; what comes through
-float beside[HELD]; // of samples, pixels to the right
+float beside[HELD]; // of samples, pixels to the right. In a checkerboard they go by rows, and all of an invocation's are equal
 #ifdef COUNT
 vec2 layers[HELD]; // shaded; blended
 #endif
@@ -29,18 +33,24 @@ vec3 shuffled(vec3 v, uint lane) {
 }
 
 // A pixel that an invocation holds, from the tile's corner.
-ivec2 held(int i, ivec2 own) { return ivec2(i / TIMES.y, i % TIMES.y) * BLENDED + own; }
+ivec2 held(int i, ivec2 own) {
+    own[ACROSS] += i / PIECES * STRIP;
+    own[ALONG] += i % PIECES * PIECE;
+    return own;
+}
 
 void main() {
     uvec2 tile = gl_WorkGroupID.xy;
     uint layer = gl_WorkGroupID.z;
     uint lane = gl_SubgroupInvocationID;
-    ivec2 own = ivec2(lane % uint(BLENDED.x), lane / uint(BLENDED.x));
+    ivec2 own;
+    own[ACROSS] = int(lane) % STRIP;
+    own[ALONG] = int(lane) / STRIP;
     ivec2 corner = ivec2(tile) * SIDE;
     [[unroll]] for (int i = 0; i < HELD; i++) {
         sums[i] = vec4(0.0, 0.0, 0.0, 1.0);
         beside[i] = 0.0;
-        if (SAMPLING != SAMPLING_CENTERS) beside[i] = sample_offset(uvec2(corner + held(i, own)));
+        if (WIDE) beside[i] = sample_offset(uvec2(corner + held(i, own)));
 #ifdef COUNT
         layers[i] = vec2(0.0);
 #endif
@@ -89,18 +99,19 @@ void main() {
                 lean = vec2(subgroupShuffle(s.lean.x, i), subgroupShuffle(s.lean.y, i));
                 quadratic = shuffled(s.quadratic, i);
             }
-            [[unroll]] for (int column = 0; column < TIMES.x; column++) {
-                int left = column * BLENDED.x;
-                uint column_open = open >> uint(column * TIMES.y) & ((1u << TIMES.y) - 1u);
-                [[dont_flatten]] if (box.x < left + BLENDED.x && box.z >= left && column_open != 0u) {
-                    vec2 at_top = vec2(own) + vec2(left, 0);
-                    vec3 top = vec3(p.x + dot(p.yz, at_top), q.x + dot(q.yz, at_top), ahead.x + dot(ahead.yz, at_top));
-                    [[unroll]] for (int row = 0; row < TIMES.y; row++) {
-                        int down = row * BLENDED.y;
-                        [[dont_flatten]] if (box.y < down + BLENDED.y && box.w >= down && (column_open & 1u << row) != 0u) {
-                            int pixel = column * TIMES.y + row;
-                            vec3 on = top + vec3(p.z, q.z, ahead.z) * float(down);
-                            if (SAMPLING != SAMPLING_CENTERS) on += vec3(p.y, q.y, ahead.y) * beside[pixel];
+            [[unroll]] for (int strip = 0; strip < STRIPS; strip++) {
+                int begin = strip * STRIP;
+                uint strip_open = open >> uint(strip * PIECES) & ((1u << PIECES) - 1u);
+                [[dont_flatten]] if (box[ACROSS] < begin + STRIP && box[2 + ACROSS] >= begin && strip_open != 0u) {
+                    vec2 place = vec2(held(strip * PIECES, own));
+                    if (CHECKERBOARD) place.x += beside[0];
+                    vec3 first = vec3(p.x + dot(p.yz, place), q.x + dot(q.yz, place), ahead.x + dot(ahead.yz, place));
+                    [[unroll]] for (int piece = 0; piece < PIECES; piece++) {
+                        int from = piece * PIECE;
+                        [[dont_flatten]] if (box[ALONG] < from + PIECE && box[2 + ALONG] >= from && (strip_open & 1u << piece) != 0u) {
+                            int pixel = strip * PIECES + piece;
+                            vec3 on = first + vec3(p[1 + ALONG], q[1 + ALONG], ahead[1 + ALONG]) * float(from);
+                            if (WIDE && !CHECKERBOARD) on += vec3(p.y, q.y, ahead.y) * beside[pixel];
                             float d2 = dot(on.xy, on.xy);
                             bool before = true;
                             if (PROJECTION == PROJECTION_TANGENT) {

@@ -60,19 +60,28 @@ vec4 between(Pair p) {
     return d > 0.0 ? mix(p.left, p.right, p.to_left / d) : p.left;
 }
 
-// A column's sample in the row above or below a pixel without one. In a checkerboard it is right there.
-vec4 beside(int x, int row) {
-    if (!CHECKERBOARD) return between(around(x, row));
-    return sample_at(int(cell_of(uint(x))), mirrored(row, textureSize(rendered, 0).y - 1));
-}
-
 float squared(vec4 d) { return dot(d, d); }
+
+// The same in a checkerboard, where all four neighbours are samples, and the pixel's own cell holds one of them: two columns
+// are fetched, not nine samples.
+vec4 from_checkerboard(ivec2 p, int cell, int aside, vec4 own, out vec4 low, out vec4 high) {
+    ivec2 last = textureSize(rendered, 0).xy - 1;
+    int next = cell + aside;
+    vec4 other = sample_at(next < 0 || next > last.x ? cell : next, p.y);
+    vec4 up = sample_at(cell, p.y > 0 ? p.y - 1 : min(1, last.y));
+    vec4 down = sample_at(cell, p.y < last.y ? p.y + 1 : max(last.y - 1, 0));
+    low = min(min(own, other), min(up, down));
+    high = max(max(own, other), max(up, down));
+    float w_row = squared(up - down) + NOISE;
+    float w_column = squared(own - other) + NOISE;
+    return (w_row * (own + other) + w_column * (up + down)) * (0.5 / (w_row + w_column));
+}
 
 // Along the row and along the column, each trusted the more the less it changes in its own direction.
 vec4 from_neighbours(ivec2 p, out vec4 low, out vec4 high) {
     Pair row = around(p.x, p.y);
-    vec4 up = beside(p.x, p.y - 1);
-    vec4 down = beside(p.x, p.y + 1);
+    vec4 up = between(around(p.x, p.y - 1));
+    vec4 down = between(around(p.x, p.y + 1));
     vec4 across = between(row);
     low = min(min(row.left, row.right), min(up, down));
     high = max(max(row.left, row.right), max(up, down));
@@ -115,10 +124,19 @@ vec4 reconstruct(ivec2 p) {
 #endif
 #ifdef INTERLEAVED
     int cell = int(cell_of(uint(p.x)));
-    if (int(sample_column(uint(cell), uint(p.y))) == p.x) return sample_at(cell, p.y);
-    vec4 low, high;
-    vec4 c = from_neighbours(p, low, high);
+    int aside = p.x - int(sample_column(uint(cell), uint(p.y)));
+    vec4 own = sample_at(cell, p.y);
+    vec4 low, high, c;
+    if (CHECKERBOARD) {
+        // Two neighbouring pixels never both have a sample: nothing is saved by asking first.
+        c = from_checkerboard(p, cell, aside, own, low, high);
+        if (aside == 0) c = own;
+    } else {
+        if (aside == 0) return own;
+        c = from_neighbours(p, low, high);
+    }
 #ifdef TEMPORAL
+    if (aside == 0) return own;
     if (frame.sampling.z == HISTORY_STILL) return texelFetch(history, ivec3(p, VIEW), 0);
     if (frame.sampling.z == HISTORY_MOVING) {
         vec2 uv;

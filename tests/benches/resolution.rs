@@ -1,5 +1,6 @@
 //! Reduced resolution against full: FLIP, PSNR, fragments and device time of the bilinear and the interleaved way, and
-//! of the temporal one over eight frames of a still eye.
+//! of the temporal one over eight frames of a still eye. Times as on a headset (polygons), and with the expansion that is
+//! fastest on this device.
 //!
 //! `cargo bench --bench resolution [-- VIEW… --scales 0.5,0.7,0.9 --times N --large --pictures FOLDER]`
 
@@ -87,15 +88,17 @@ fn main() {
             row(&mut offscreen, scale, Upscale::Interleaved, 1, Some(&full));
             row(&mut offscreen, scale, Upscale::InterleavedTemporal, 8, Some(&full));
             if options.times > 0 {
-                let configs = [Upscale::Bilinear, Upscale::Interleaved].map(|upscale| RenderConfig {
-                    resolution_scale: scale,
-                    upscale,
-                    ..Default::default()
-                });
-                let [low, middle, high] = ratio(&mut offscreen, &scene, &views, &configs, options.times);
-                println!(
-                    "{name:18} {scale:5.3} interleaved takes {middle:.3} ({low:.3} to {high:.3}) of bilinear's processor time"
-                );
+                let polygons = RenderConfig { resolution_scale: scale, ..Default::default() };
+                let here = polygons.clone().on(&gpu.capabilities, scene.splats, &views);
+                for base in [polygons, here] {
+                    let configs = [Upscale::Bilinear, Upscale::Interleaved]
+                        .map(|upscale| RenderConfig { upscale, ..base.clone() });
+                    let [low, middle, high] = ratio(&mut offscreen, &scene, &views, &configs, options.times);
+                    println!(
+                        "{name:18} {scale:5.3} {:12} interleaved takes {middle:.3} ({low:.3} to {high:.3}) of bilinear's processor time",
+                        base.expansion.to_string()
+                    );
+                }
             }
         }
     }
