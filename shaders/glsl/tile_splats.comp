@@ -130,8 +130,8 @@ ivec2 tile_columns(TileSplat s, Outline o, int row) {
     if (o.known) {
         float top = float(row * SIDE - s.box.y);
         vec2 x = outline_at(o, clamp(o.extremes, vec2(top - 0.25), vec2(top + float(SIDE) - 0.75)));
-        // Half a pixel for rounding, and what samples lie beside their pixels.
-        float beside = SAMPLING == SAMPLING_CENTERS ? 0.5 : 1.5;
+        // Half a pixel for rounding, and what samples lie beside their pixels at most.
+        float beside = SAMPLING == SAMPLING_CENTERS ? 0.5 : SAMPLING == SAMPLING_CHECKERBOARD ? 0.75 : 1.0;
         vec2 most = vec2(s.box.z - s.box.x);
         if (all(equal(x, x))) columns = s.box.x + ivec2(clamp(x + vec2(-beside, beside), vec2(0.0), most));
     }

@@ -62,19 +62,37 @@ vec4 between(Pair p) {
 
 float squared(vec4 d) { return dot(d, d); }
 
-// The same in a checkerboard, where all four neighbours are samples, and the pixel's own cell holds one of them: two columns
-// are fetched, not nine samples.
+vec4 weighted(vec4 left, vec4 right, vec4 up, vec4 down, out vec4 low, out vec4 high) {
+    low = min(min(left, right), min(up, down));
+    high = max(max(left, right), max(up, down));
+    float w_row = squared(up - down) + NOISE;
+    float w_column = squared(left - right) + NOISE;
+    return (w_row * (left + right) + w_column * (up + down)) * (0.5 / (w_row + w_column));
+}
+
+// The same in a checkerboard, where all four neighbours are samples, and the pixel's own cell holds one of them.
 vec4 from_checkerboard(ivec2 p, int cell, int aside, vec4 own, out vec4 low, out vec4 high) {
     ivec2 last = textureSize(rendered, 0).xy - 1;
     int next = cell + aside;
     vec4 other = sample_at(next < 0 || next > last.x ? cell : next, p.y);
-    vec4 up = sample_at(cell, p.y > 0 ? p.y - 1 : min(1, last.y));
-    vec4 down = sample_at(cell, p.y < last.y ? p.y + 1 : max(last.y - 1, 0));
-    low = min(min(own, other), min(up, down));
-    high = max(max(own, other), max(up, down));
-    float w_row = squared(up - down) + NOISE;
-    float w_column = squared(own - other) + NOISE;
-    return (w_row * (own + other) + w_column * (up + down)) * (0.5 / (w_row + w_column));
+    vec4 up = sample_at(cell, mirrored(p.y - 1, last.y)), down = sample_at(cell, mirrored(p.y + 1, last.y));
+    return weighted(own, other, up, down, low, high);
+}
+
+// What the other pixel of a row or a column of the quad has: fine differences are those of the quad's own two pixels.
+vec4 in_row(vec4 v, ivec2 p) { return (p.x & 1) == 0 ? v + dFdxFine(v) : v - dFdxFine(v); }
+vec4 in_column(vec4 v, ivec2 p) { return (p.y & 1) == 0 ? v + dFdyFine(v) : v - dFdyFine(v); }
+
+// The same for a whole quad, which is two cells, one above the other, with two pixels that have samples and two that have none.
+// Each pixel fetches two: its sample, or where it has none the one beside its cell; and the one beyond the quad. The other two
+// are what the quad's other pixels have fetched.
+vec4 from_quad(ivec2 p, int cell, int aside, out vec4 low, out vec4 high) {
+    ivec2 last = textureSize(rendered, 0).xy - 1;
+    int next = cell + aside;
+    vec4 beside = sample_at(next < 0 || next > last.x ? cell : next, mirrored(p.y, last.y));
+    vec4 beyond = sample_at(cell, mirrored((p.y & 1) == 0 ? p.y - 1 : p.y + 1, last.y));
+    vec4 c = weighted(in_row(beside, p), beside, in_column(beside, p), beyond, low, high);
+    return aside == 0 ? beside : c;
 }
 
 // Along the row and along the column, each trusted the more the less it changes in its own direction.
@@ -105,7 +123,8 @@ bool shown_before(ivec2 p, out vec2 uv) {
 #endif
 
 vec4 reconstruct(ivec2 p) {
-    p = clamp(p, ivec2(0), shown_size() - 1);
+    // (But for a quad's pixels beyond the image, which fetch for the others.)
+    if (!CHECKERBOARD || SHARPEN) p = clamp(p, ivec2(0), shown_size() - 1);
 #ifdef MEAN
     vec4 c = texelFetch(rendered, ivec3(p, LAYER), 0);
     float share = uintBitsToFloat(frame.sampling.w);
@@ -125,18 +144,16 @@ vec4 reconstruct(ivec2 p) {
 #ifdef INTERLEAVED
     int cell = int(cell_of(uint(p.x)));
     int aside = p.x - int(sample_column(uint(cell), uint(p.y)));
-    vec4 own = sample_at(cell, p.y);
     vec4 low, high, c;
-    if (CHECKERBOARD) {
-        // Two neighbouring pixels never both have a sample: nothing is saved by asking first.
-        c = from_checkerboard(p, cell, aside, own, low, high);
-        if (aside == 0) c = own;
+    if (CHECKERBOARD && !SHARPEN) {
+        c = from_quad(p, cell, aside, low, high);
     } else {
-        if (aside == 0) return own;
-        c = from_neighbours(p, low, high);
+        c = sample_at(cell, p.y);
+        if (aside == 0) return c;
+        c = CHECKERBOARD ? from_checkerboard(p, cell, aside, c, low, high) : from_neighbours(p, low, high);
     }
 #ifdef TEMPORAL
-    if (aside == 0) return own;
+    if (aside == 0) return c;
     if (frame.sampling.z == HISTORY_STILL) return texelFetch(history, ivec3(p, VIEW), 0);
     if (frame.sampling.z == HISTORY_MOVING) {
         vec2 uv;

@@ -93,6 +93,14 @@ fn main() {
                 for base in [polygons, here] {
                     let configs = [Upscale::Bilinear, Upscale::Interleaved]
                         .map(|upscale| RenderConfig { upscale, ..base.clone() });
+                    let [fewer, more] = configs.each_ref().map(|config| {
+                        let (maps, _) = offscreen.layers(&scene, &views, config).unwrap();
+                        maps[0].mean_shaded()
+                    });
+                    println!(
+                        "{name:18} {scale:5.3} {:12} layers shaded per rendered pixel: {fewer:.2} bilinear, {more:.2} interleaved",
+                        base.expansion.to_string()
+                    );
                     let [low, middle, high] = ratio(&mut offscreen, &scene, &views, &configs, options.times);
                     println!(
                         "{name:18} {scale:5.3} {:12} interleaved takes {middle:.3} ({low:.3} to {high:.3}) of bilinear's processor time",
