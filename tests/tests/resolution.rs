@@ -140,6 +140,77 @@ fn interleaved_beats_bilinear_and_offsets_of_the_wrong_sign_lose() {
     }
 }
 
+/// What a checkerboard's samples say of the pixels between them, from a picture that has all of them: along the row and along
+/// the column, each trusted the more the less it changes (`upscale.frag`). `turned`: the less, of the other direction.
+fn filled(full: &Picture, r: &Resolution, turned: bool) -> Vec<(usize, [f64; 3])> {
+    let [width, height] = r.shown.map(|s| s as i64);
+    let at = |x: i64, y: i64| (y * width + x) as usize;
+    let colour = |x, y| full.pixels[at(x, y)].map(|c| f64::from(c) / 255.0);
+    let apart = |a: [f64; 4], b: [f64; 4]| (0..4).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>() + 6e-5;
+    let mut between = Vec::new();
+    for y in 0..height {
+        for x in 1..width - 1 {
+            if i64::from(r.sample_column(x as u32 / 2, y as u32)) == x {
+                continue;
+            }
+            let row = [colour(x - 1, y), colour(x + 1, y)];
+            // Beyond the first and the last row lies what is on their other side.
+            let column = [if y == 0 { 1 } else { y - 1 }, if y + 1 == height { y - 1 } else { y + 1 }]
+                .map(|y| colour(x, y));
+            let mut weights = [apart(column[0], column[1]), apart(row[0], row[1])];
+            if turned {
+                weights.swap(0, 1);
+            }
+            let sum = weights[0] + weights[1];
+            between.push((
+                at(x, y),
+                [0, 1, 2].map(|i| {
+                    let mean = |pair: [[f64; 4]; 2]| 127.5 * (pair[0][i] + pair[1][i]);
+                    (weights[0] * mean(row) + weights[1] * mean(column)) / sum
+                }),
+            ));
+        }
+    }
+    between
+}
+
+#[test]
+fn a_checkerboard_is_filled_from_the_four_samples_beside_each_pixel() {
+    let gpu = TestGpu::new();
+    let mut splats = scene();
+    // Before a wall, so that the picture shows all there is: opacities count too.
+    for i in 0..3 {
+        splats.means[i] = [0.0, 0.0, 3.0];
+        splats.log_scales[i] = [3.0; 3];
+        splats.opacities[i] = 0.99;
+    }
+    let on_device = SceneOnDevice::new(&gpu, &splats, PLAIN).unwrap();
+    let mut offscreen = Offscreen::new(&gpu).unwrap();
+    let mut render = |config: &RenderConfig| {
+        let config =
+            RenderConfig { radius: RadiusRule::Full, target: TargetFormat::Rgba32F, ..config.clone() };
+        offscreen.render(&on_device, &[eye(0.0)], &config).unwrap().0.remove(0)
+    };
+    let every = RenderConfig { composite: Composite::FrontToBack, ..Default::default() };
+    let full = render(&every);
+    let config = RenderConfig { resolution_scale: 0.7072, upscale: Upscale::Interleaved, ..every };
+    let picture = render(&config);
+    let r = Resolution::of(&config, SIZE, 0);
+    let mean = |turned: bool| {
+        let places = filled(&full, &r, turned);
+        let off = |&(at, expected): &(usize, [f64; 3])| {
+            (0..3).map(|i| (f64::from(picture.pixels[at][i]) - expected[i]).abs()).fold(0.0, f64::max)
+        };
+        let [sum, most] = places.iter().map(off).fold([0.0, 0.0f64], |[sum, most], d| [sum + d, most.max(d)]);
+        [sum / places.len() as f64, most]
+    };
+    let ([off, most], [turned, _]) = (mean(false), mean(true));
+    println!("{off:.3} of 255 off, at most {most:.2}; with the weights exchanged {turned:.3}");
+    // The samples of a picture of eight bits are half a step off, and so are the weights that they make.
+    assert!(off < 0.6 && most < 4.0, "{off} {most}");
+    assert!(turned > 2.0, "{turned}");
+}
+
 /// Bilinear is a picture of the rendered size, with that size's low-pass filter, enlarged.
 #[test]
 fn bilinear_enlarges_the_picture_of_the_rendered_size() {
