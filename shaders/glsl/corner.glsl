@@ -123,16 +123,13 @@ Corner splat_corner(uint corner, bool square, vec3 m, vec2 major, float ratio, f
         vec2 ab = mix(box.xy, max(box.xy, box.zw), 0.5 * side + 0.5) / focal + view.tangents.xz - m.xy;
         pq = vec2(dot(ab, major) / dot(major, major), dot(ab, minor) / max(dot(minor, minor), 1e-30));
     } else if (PROJECTION == PROJECTION_EXACT) {
-        // Cholesky factor of the reach: any factor turns the shape around the circle into one around the ellipse.
-        float l11 = sqrt(reach.covariance.x);
-        float l21 = reach.covariance.y / l11;
-        float l22 = sqrt(max(0.0, reach.covariance.z - l21 * l21));
-        pq = reach.center + vec2(l11 * unit.x, l21 * unit.x + l22 * unit.y);
+        vec3 l = factor_of(reach);
+        pq = reach.center + vec2(l.x * unit.x, l.y * unit.x + l.z * unit.y);
         if (SAMPLING != SAMPLING_CENTERS) {
             vec2 e = shift_in_axes(pq, plane);
-            e = vec2(e.x, (e.y - l21 * e.x / l11) / max(l22, 1e-30)) / vec2(l11, 1.0);
+            e = vec2(e.x, (e.y - l.y * e.x / l.x) / max(l.z, 1e-30)) / vec2(l.x, 1.0);
             unit = grown(unit, unit, e);
-            pq = reach.center + vec2(l11 * unit.x, l21 * unit.x + l22 * unit.y);
+            pq = reach.center + vec2(l.x * unit.x, l.y * unit.x + l.z * unit.y);
         }
     } else if (k * length(major) > 16.0) {
         // A polygon far larger than the image: the rasteriser would interpolate between corners so far away that a pixel
@@ -188,11 +185,9 @@ vec4 lens_corner(uint corner, bool square, vec3 m, vec2 major, float ratio, floa
         float short_axis = long_axis * ratio;
         vec2 direction = major / length(major);
         if (PROJECTION == PROJECTION_EXACT) {
-            // Half-axes of the ellipse on the plane: those of any factor of its covariance.
-            float l11 = sqrt(max(reach.covariance.x, 0.0));
-            float l21 = reach.covariance.y / max(l11, 1e-30);
-            vec2 a = l11 * major + l21 * minor;
-            vec2 b = sqrt(max(reach.covariance.z - l21 * l21, 0.0)) * minor;
+            vec3 l = factor_of(reach);
+            vec2 a = l.x * major + l.y * minor;
+            vec2 b = l.z * minor;
             float half_difference = 0.5 * (a.x * a.x + b.x * b.x - a.y * a.y - b.y * b.y);
             float mixed = a.x * a.y + b.x * b.y;
             float r = length(vec2(half_difference, mixed));

@@ -139,6 +139,14 @@ Plane plane_of(vec3 m, vec2 major, float ratio, vec2 lean) {
     return plane;
 }
 
+// Cholesky factor of the reach (l11, l21, l22): its half-axes are those of any factor of its covariance, and any factor turns a
+// shape around the circle into one around the ellipse.
+vec3 factor_of(Reach reach) {
+    float l11 = sqrt(max(reach.covariance.x, 0.0));
+    float l21 = reach.covariance.y / max(l11, 1e-30);
+    return vec3(l11, l21, sqrt(max(reach.covariance.z - l21 * l21, 0.0)));
+}
+
 // How far that part of an upright plane is from the plane's point m at most (a bound: the sum of both half-axes' squares).
 float plane_radius(Reach reach, vec2 major, vec2 minor) {
     vec2 center = reach.center.x * major + reach.center.y * minor;

@@ -1,10 +1,9 @@
 #version 460
 // Precomputed expansion: a corner from a record.
 #include "corner.glsl"
-#include "records.glsl"
+#include "read_records.glsl"
 #include "varyings.glsl"
 
-layout(set = 2, binding = 1, std430) readonly buffer Records { uint words[]; } records[2];
 layout(set = 2, binding = 5, std430) readonly buffer PlanBuffer { Plan plan; };
 layout(set = 2, binding = 6, std430) readonly buffer Visible { uint visible[]; };
 layout(push_constant) uniform Push { uint batch; uint view; } push;
@@ -16,9 +15,6 @@ uint view_index() {
     return push.view;
 #endif
 }
-
-uint record_word(uint view, uint at) { return view == 0u ? records[0].words[at] : records[1].words[at]; }
-float record_float(uint view, uint at) { return uintBitsToFloat(record_word(view, at)); }
 
 // About: at the image's middle, where a unit of the plane is largest against a pixel.
 float octagon_area(float opacity, vec2 major, float ratio, ViewData view) {
@@ -48,32 +44,26 @@ void main() {
 #endif
     if (at >= plan.starts[push.batch + 1u]) return;
     uint view = view_index();
-    uint word = visible[at] * record_words();
-    vec2 ba = unpackHalf2x16(record_word(view, word + 6u));
-    if (!(ba.y > 0.0)) return;
-    vec3 m = unpack_center(vec2(record_float(view, word), record_float(view, word + 1u)));
-    vec2 major = vec2(record_float(view, word + 2u), record_float(view, word + 3u));
-    float ratio = record_float(view, word + 4u);
-    color = vec4(unpackHalf2x16(record_word(view, word + 5u)), ba);
+    Record r = load_record(view, visible[at]);
+    vec4 rgba = record_color(r);
+    if (!(rgba.a > 0.0)) return;
+    color = rgba;
     bool square = SHAPE == SHAPE_ADAPTIVE && (plan.draws[push.batch].first_index != 0u
-        || squared(octagon_area(color.a, major, ratio, frame.views[view])));
-    vec2 l = vec2(0.0);
-    vec3 h = vec3(0.0);
-    if (PROJECTION == PROJECTION_TANGENT) l = unpackHalf2x16(record_word(view, word + 7u));
+        || squared(octagon_area(color.a, r.major, r.ratio, frame.views[view])));
 #ifdef EXACT
-    l = vec2(record_float(view, word + 7u), record_float(view, word + 8u));
-    h = vec3(record_float(view, word + 9u), record_float(view, word + 10u), record_float(view, word + 11u));
-    lean = l;
-    quadratic = h;
+    lean = r.lean;
+    quadratic = r.quadratic;
 #endif
 #ifdef THROUGH_LENS
-    Plane p = plane_of(m, major, ratio, l);
+    Plane p = plane_of(r.m, r.major, r.ratio, r.lean);
     middle = p.ahead;
     along_p = p.along_p;
     along_q = p.along_q;
-    gl_Position = lens_corner(uint(gl_VertexIndex) % corners, square, m, major, ratio, color.a, l, h, frame.views[view]);
+    gl_Position = lens_corner(uint(gl_VertexIndex) % corners, square, r.m, r.major, r.ratio, color.a, r.lean, r.quadratic,
+                               frame.views[view]);
 #else
-    Corner c = splat_corner(uint(gl_VertexIndex) % corners, square, m, major, ratio, color.a, l, h, frame.views[view]);
+    Corner c = splat_corner(uint(gl_VertexIndex) % corners, square, r.m, r.major, r.ratio, color.a, r.lean, r.quadratic,
+                               frame.views[view]);
     gl_Position = c.position;
     plane = c.plane;
 #endif

@@ -5,13 +5,12 @@
 #ifndef TILE_LISTS_GLSL
 #define TILE_LISTS_GLSL
 #include "corner.glsl"
-#include "records.glsl"
+#include "read_records.glsl"
 
 const int SIDE = 16;    // pixels along a tile
 const uint RUNS = 64u;  // runs that the order is cut into
 const uint LANES = 8u;  // invocations of a workgroup: one vector of a processor
 
-layout(set = 2, binding = 1, std430) readonly buffer Records { uint words[]; } records[2];
 layout(set = 2, binding = 5, std430) buffer PlanBuffer { Plan plan; };
 layout(set = 2, binding = 6, std430) readonly buffer Visible { uint visible[]; };
 layout(set = 3, binding = 3, std430) buffer TileSplats { uvec4 tile_splats[]; }; // view, splat, part

@@ -5,9 +5,6 @@
 
 layout(local_size_x = LANES) in;
 
-uint record_word(uint view, uint at) { return view == 0u ? records[0].words[at] : records[1].words[at]; }
-float record_float(uint view, uint at) { return uintBitsToFloat(record_word(view, at)); }
-
 // Lowest and highest slope x / z of the ellipse m + cos t · a + sin t · b: from the planes through the eye that touch it.
 // Written with minors, so that nothing cancels for small ellipses. Low beyond high where it reaches round the eye.
 vec2 slopes(vec2 m, vec2 a, vec2 b) {
@@ -20,39 +17,27 @@ vec2 slopes(vec2 m, vec2 a, vec2 b) {
 }
 
 TileSplat tile_splat(uint view, uint rank) {
+    Record r = load_record(view, visible[rank]);
+    float opacity = record_color(r).a;
     TileSplat s;
-    uint word = visible[rank] * record_words();
-    s.rg = record_word(view, word + 5u);
-    s.ba = record_word(view, word + 6u);
-    float opacity = unpackHalf2x16(s.ba).y;
+    s.rg = r.rg;
+    s.ba = r.ba;
     s.box = ivec4(1, 1, 0, 0);
-    s.lean = vec2(0.0);
-    s.quadratic = vec3(0.0);
     s.p = s.q = s.ahead = vec3(0.0);
+    // The plane that leans is done with: only the exact projection's pixels ask again.
+    s.lean = PROJECTION == PROJECTION_EXACT ? r.lean : vec2(0.0);
+    s.quadratic = r.quadratic;
     if (!(opacity > 0.0)) return s;
-    vec3 m = unpack_center(vec2(record_float(view, word), record_float(view, word + 1u)));
-    vec2 major = vec2(record_float(view, word + 2u), record_float(view, word + 3u));
-    float ratio = record_float(view, word + 4u);
-    vec2 lean = vec2(0.0);
-    if (PROJECTION == PROJECTION_TANGENT) lean = unpackHalf2x16(record_word(view, word + 7u));
-    if (PROJECTION == PROJECTION_EXACT) {
-        lean = vec2(record_float(view, word + 7u), record_float(view, word + 8u));
-        s.quadratic = vec3(record_float(view, word + 9u), record_float(view, word + 10u), record_float(view, word + 11u));
-        s.lean = lean;
-    }
-    Plane plane = plane_of(m, major, ratio, lean);
-    Reach reach = reach_of(polygon_radius(opacity), lean, s.quadratic);
+    Plane plane = plane_of(r.m, r.major, r.ratio, r.lean);
+    Reach reach = reach_of(polygon_radius(opacity), r.lean, r.quadratic);
 
     vec4 shown = frame.views[view].tangents;
     vec4 box = shown;
     if (reach.bounded) {
-        // Half-axes of the reach: those of any factor of its covariance.
-        float l11 = sqrt(max(reach.covariance.x, 0.0));
-        float l21 = reach.covariance.y / max(l11, 1e-30);
-        float l22 = sqrt(max(reach.covariance.z - l21 * l21, 0.0));
+        vec3 l = factor_of(reach);
         vec3 center = plane_point(plane, reach.center);
-        vec3 a = l11 * plane.axis_p + l21 * plane.axis_q;
-        vec3 b = l22 * plane.axis_q;
+        vec3 a = l.x * plane.axis_p + l.y * plane.axis_q;
+        vec3 b = l.z * plane.axis_q;
         vec2 x = slopes(center.xz, a.xz, b.xz), y = slopes(center.yz, a.yz, b.yz);
         // Samples of reduced resolution lie beside their pixels.
         float beside = SAMPLING == SAMPLING_CENTERS ? 0.0 : frame.shown.z;
@@ -100,12 +85,10 @@ Outline outline_of(TileSplat s) {
     float k = polygon_radius(unpackHalf2x16(s.ba).y);
     Reach reach = reach_of(k, s.lean, s.quadratic);
     // In axes in which the reach is the unit circle.
-    float l11 = sqrt(max(reach.covariance.x, 0.0));
-    float l21 = reach.covariance.y / max(l11, 1e-30);
-    float l22 = sqrt(max(reach.covariance.z - l21 * l21, 0.0));
+    vec3 l = factor_of(reach);
     o.ahead = s.ahead;
-    o.p = (s.p - reach.center.x * s.ahead) / l11;
-    o.q = (s.q - reach.center.y * s.ahead - l21 * o.p) / l22;
+    o.p = (s.p - reach.center.x * s.ahead) / l.x;
+    o.q = (s.q - reach.center.y * s.ahead - l.y * o.p) / l.z;
     o.square = o.p.y * o.p.y + o.q.y * o.q.y - o.ahead.y * o.ahead.y;
     // Where two points of a column fall together: the discriminant over x, whose leading term is the determinant.
     vec2 pq = vec2(o.p.z * o.q.x - o.q.z * o.p.x, o.p.z * o.q.y - o.q.z * o.p.y);
