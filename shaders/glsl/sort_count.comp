@@ -1,5 +1,6 @@
 #version 460
 // How often each digit occurs in each tile.
+#extension GL_EXT_control_flow_attributes : require
 #include "sort.glsl"
 
 layout(set = 0, binding = 0, std430) readonly buffer Keys { uint keys[]; };
@@ -8,16 +9,21 @@ layout(set = 0, binding = 4, std430) writeonly buffer Counts { uint counts[]; };
 // Two digits a word, a column for each invocation.
 shared uint columns[DIGITS / 2u * GROUP];
 
+void count(uint digit, uint column) { columns[(digit >> 1) * GROUP + column] += 1u << (16u * (digit & 1u)); }
+
 void main() {
     uint local = gl_LocalInvocationID.x;
     uint tile = gl_WorkGroupID.x;
     for (uint pair = 0u; pair < DIGITS / 2u; pair++) columns[pair * GROUP + local] = 0u;
     uint begin = tile * TILE + local * RUN;
     uint end = min(begin + RUN, sort.count);
-    for (uint at = begin; at < end; at++) {
-        uint digit = digit_of(keys[at]);
-        columns[(digit >> 1) * GROUP + local] += 1u << (16u * (digit & 1u));
+    uint at = begin;
+    for (; at + AT_ONCE <= end; at += AT_ONCE) {
+        uint digits[AT_ONCE];
+        [[unroll]] for (uint i = 0u; i < AT_ONCE; i++) digits[i] = digit_of(keys[at + i]);
+        [[unroll]] for (uint i = 0u; i < AT_ONCE; i++) count(digits[i], local);
     }
+    for (; at < end; at++) count(digit_of(keys[at]), local);
     barrier();
     for (uint pair = local; pair < DIGITS / 2u; pair += GROUP) {
         uint sum = 0u;

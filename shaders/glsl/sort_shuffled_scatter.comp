@@ -22,6 +22,14 @@ uvec2 same_digits(uint digit, uint lane) {
 
 shared uint places[DIGITS];
 
+// A processor's lanes go in step: all have read before one writes.
+void take(uint key, uint digit, uint at, uvec2 same) {
+    uint place = places[digit] + same.x;
+    if (same.y == 0u) places[digit] = place + 1u;
+    move_key(key, at, place);
+    subgroupMemoryBarrierShared();
+}
+
 void main() {
     uint lane = gl_SubgroupInvocationID;
     uint tile = gl_WorkGroupID.x;
@@ -41,17 +49,22 @@ void main() {
     subgroupMemoryBarrierShared();
     uint begin = tile * TILE;
     uint end = min(begin + TILE, sort.count);
-    for (uint first = begin; first < end; first += LANES) {
+    uint first = begin;
+    for (; first + AT_ONCE * LANES <= end; first += AT_ONCE * LANES) {
+        uint keys[AT_ONCE], digits[AT_ONCE];
+        uvec2 same[AT_ONCE];
+        [[unroll]] for (uint i = 0u; i < AT_ONCE; i++) keys[i] = keys_in[first + i * LANES + lane];
+        [[unroll]] for (uint i = 0u; i < AT_ONCE; i++) {
+            digits[i] = digit_of(keys[i]);
+            same[i] = same_digits(digits[i], lane);
+        }
+        [[unroll]] for (uint i = 0u; i < AT_ONCE; i++) take(keys[i], digits[i], first + i * LANES + lane, same[i]);
+    }
+    for (; first < end; first += LANES) {
         uint at = first + lane;
         uint key = at < end ? keys_in[at] : 0u;
         uint digit = at < end ? digit_of(key) : NONE;
         uvec2 same = same_digits(digit, lane);
-        // A processor's lanes go in step: all have read before one writes.
-        if (at < end) {
-            uint place = places[digit] + same.x;
-            if (same.y == 0u) places[digit] = place + 1u;
-            move_key(key, at, place);
-        }
-        subgroupMemoryBarrierShared();
+        if (at < end) take(key, digit, at, same);
     }
 }
