@@ -32,6 +32,8 @@ vec3 shuffled(vec3 v, uint lane) {
     return vec3(subgroupShuffle(v.x, lane), subgroupShuffle(v.y, lane), subgroupShuffle(v.z, lane));
 }
 
+float pow2(float x) { return x * x; }
+
 // A pixel that an invocation holds, from the tile's corner.
 ivec2 held(int i, ivec2 own) {
     own[ACROSS] += i / PIECES * STRIP;
@@ -81,8 +83,15 @@ void main() {
         s.p.x += dot(s.p.yz, to_corner);
         s.q.x += dot(s.q.yz, to_corner);
         s.ahead.x += dot(s.ahead.yz, to_corner);
+        // In units in which a power of two falls by their squares.
+        const float UNIT = sqrt(HALF_LOG2_E);
+        s.p *= UNIT;
+        s.q *= UNIT;
+        s.lean /= UNIT;
+        s.quadratic /= HALF_LOG2_E;
         vec4 own_color = vec4(unpackHalf2x16(s.rg), unpackHalf2x16(s.ba));
         float k = polygon_radius(own_color.a);
+        float own_power = log2(own_color.a);
         float own_least = max(MIN_ALPHA, own_color.a * exp2(-HALF_LOG2_E * k * k));
         ivec4 own_box = s.box - corner.xyxy;
         uint count = min(LANES, end - at);
@@ -91,7 +100,7 @@ void main() {
                               subgroupShuffle(own_box.z, i), subgroupShuffle(own_box.w, i));
             vec3 p = shuffled(s.p, i), q = shuffled(s.q, i), ahead = shuffled(s.ahead, i);
             vec3 color = shuffled(own_color.rgb, i);
-            float opacity = subgroupShuffle(own_color.a, i);
+            float power = subgroupShuffle(own_power, i);
             float least = subgroupShuffle(own_least, i);
             vec2 lean = vec2(0.0);
             vec3 quadratic = vec3(0.0);
@@ -112,21 +121,19 @@ void main() {
                             int pixel = strip * PIECES + piece;
                             vec3 on = first + vec3(p[1 + ALONG], q[1 + ALONG], ahead[1 + ALONG]) * float(from);
                             if (WIDE && !CHECKERBOARD) on += vec3(p.y, q.y, ahead.y) * beside[pixel];
-                            float d2 = dot(on.xy, on.xy);
+                            float fall = dot(on.xy, on.xy);
                             bool before = true;
-                            if (PROJECTION == PROJECTION_TANGENT) {
-                                d2 /= on.z * on.z;
-                                before = on.z > 0.0;
-                            }
+                            // A ray that meets the plane behind the eye is far from all of the splat.
+                            if (PROJECTION == PROJECTION_TANGENT) fall /= pow2(max(on.z, 1e-18));
                             if (PROJECTION == PROJECTION_EXACT) {
                                 float along = dot(lean, on.xy);
                                 before = on.z - along > 0.0;
-                                d2 /= on.z * on.z - 2.0 * on.z * along + quadratic.x * on.x * on.x + quadratic.y * on.x * on.y
+                                fall /= on.z * on.z - 2.0 * on.z * along + quadratic.x * on.x * on.x + quadratic.y * on.x * on.y
                                     + quadratic.z * on.y * on.y;
                             }
                             // Far outside nothing is left; not so little that it is a subnormal number, which takes many
                             // times as long.
-                            float alpha = opacity * exp2(max(-HALF_LOG2_E * d2, -64.0));
+                            float alpha = exp2(max(power - fall, -64.0));
                             vec4 sum = sums[pixel];
                             bool hit = before && alpha >= least && sum.a >= push.stop_below;
                             hits += uint(hit);
