@@ -32,6 +32,18 @@ vec3 shuffled(vec3 v, uint lane) {
     return vec3(subgroupShuffle(v.x, lane), subgroupShuffle(v.y, lane), subgroupShuffle(v.z, lane));
 }
 
+// A bit for each eight of pixels, from the tile's corner, that a box of pixels reaches into.
+uint reached(ivec4 box) {
+    ivec2 first = ivec2(max(box[ACROSS], 0) / STRIP, max(box[ALONG], 0) / PIECE);
+    ivec2 beyond = ivec2((min(box[2 + ACROSS], SIDE - 1) + STRIP) / STRIP, (min(box[2 + ALONG], SIDE - 1) + PIECE) / PIECE);
+    if (box.x > box.z || box.y > box.w || first.x >= beyond.x || first.y >= beyond.y) return 0u;
+    uint pieces = (1u << beyond.y) - (1u << first.y);
+    uint all = 0u;
+    [[unroll]] for (int strip = 0; strip < STRIPS; strip++)
+        if (strip >= first.x && strip < beyond.x) all |= pieces << (strip * PIECES);
+    return all;
+}
+
 float pow2(float x) { return x * x; }
 
 // A pixel that an invocation holds, from the tile's corner.
@@ -93,11 +105,10 @@ void main() {
         float k = polygon_radius(own_color.a);
         float own_power = log2(own_color.a);
         float own_least = max(MIN_ALPHA, own_color.a * exp2(-HALF_LOG2_E * k * k));
-        ivec4 own_box = s.box - corner.xyxy;
+        uint own_reached = reached(s.box - corner.xyxy);
         uint count = min(LANES, end - at);
         for (uint i = 0u; i < count; i++) {
-            ivec4 box = ivec4(subgroupShuffle(own_box.x, i), subgroupShuffle(own_box.y, i),
-                              subgroupShuffle(own_box.z, i), subgroupShuffle(own_box.w, i));
+            uint blends = subgroupShuffle(own_reached, i) & open;
             vec3 p = shuffled(s.p, i), q = shuffled(s.q, i), ahead = shuffled(s.ahead, i);
             vec3 color = shuffled(own_color.rgb, i);
             float power = subgroupShuffle(own_power, i);
@@ -109,17 +120,14 @@ void main() {
                 quadratic = shuffled(s.quadratic, i);
             }
             [[unroll]] for (int strip = 0; strip < STRIPS; strip++) {
-                int begin = strip * STRIP;
-                uint strip_open = open >> uint(strip * PIECES) & ((1u << PIECES) - 1u);
-                [[dont_flatten]] if (box[ACROSS] < begin + STRIP && box[2 + ACROSS] >= begin && strip_open != 0u) {
+                [[dont_flatten]] if ((blends & ((1u << PIECES) - 1u) << (strip * PIECES)) != 0u) {
                     vec2 place = vec2(held(strip * PIECES, own));
                     if (CHECKERBOARD) place.x += beside[0];
                     vec3 first = vec3(p.x + dot(p.yz, place), q.x + dot(q.yz, place), ahead.x + dot(ahead.yz, place));
                     [[unroll]] for (int piece = 0; piece < PIECES; piece++) {
-                        int from = piece * PIECE;
-                        [[dont_flatten]] if (box[ALONG] < from + PIECE && box[2 + ALONG] >= from && (strip_open & 1u << piece) != 0u) {
-                            int pixel = strip * PIECES + piece;
-                            vec3 on = first + vec3(p[1 + ALONG], q[1 + ALONG], ahead[1 + ALONG]) * float(from);
+                        int pixel = strip * PIECES + piece;
+                        [[dont_flatten]] if ((blends & 1u << pixel) != 0u) {
+                            vec3 on = first + vec3(p[1 + ALONG], q[1 + ALONG], ahead[1 + ALONG]) * float(piece * PIECE);
                             if (WIDE && !CHECKERBOARD) on += vec3(p.y, q.y, ahead.y) * beside[pixel];
                             float fall = dot(on.xy, on.xy);
                             bool before = true;
