@@ -330,7 +330,8 @@ pub struct RenderConfig {
     pub batches: u32,
     /// Early stop: where saturated pixels are looked for between batches.
     pub marks: Marks,
-    /// Transmittance below which a pixel counts as opaque: it is shown so, and early stop finishes it. 0: never.
+    /// Transmittance below which a pixel counts as opaque: it is shown so, and early stop finishes it
+    /// (tiles at [`TILES_STOP`] of it). 0: never.
     pub stop_below: f32,
     /// Storage of geometry on the device.
     pub precision: Precision,

@@ -1,4 +1,5 @@
-// The compact record of a visible splat in one view, at its place in the scene; written by project.comp and read by splat.vert.
+// The compact record of a visible splat in one view, at its place in the scene; written by project.comp, read through
+// read_records.glsl.
 // Affine 28 bytes: centre (2 f32), major axis (2 f32), minor/major (f32), colour and opacity (4 f16); tangent 32: the lean
 // too (2 f16); exact 48: lean and quadratic (5 f32).
 #ifndef RECORDS_GLSL

@@ -13,8 +13,9 @@
 layout(local_size_x = LANES) in;
 layout(set = 3, binding = 5, std430) writeonly buffer TilePixels { vec4 pixels[]; }; // view, pixel; then what is counted
 
-// Pixels that a workgroup blends at once, four by two, go into strips of a tile, four pixels wide, which the pixels' shorter side
-// goes along. Interleaved pixels are wide: high blocks of them cover squares of the shown image.
+// A workgroup blends a piece of four by two pixels at once. A tile is cut into strips four pixels across, and those into pieces.
+// The strips lie side by side, or where pixels are wide (interleaved) one above the other, so that a piece of them, two by
+// four, covers a square of the shown image.
 const bool WIDE = SAMPLING != SAMPLING_CENTERS;
 const int ACROSS = WIDE ? 1 : 0; // the axis that the strips follow each other along
 const int ALONG = 1 - ACROSS;

@@ -62,6 +62,7 @@ vec4 between(Pair p) {
 
 float squared(vec4 d) { return dot(d, d); }
 
+// A pixel from four samples as near as each other, and their range: each direction trusted the more the less it changes.
 vec4 weighted(vec4 left, vec4 right, vec4 up, vec4 down, out vec4 low, out vec4 high) {
     low = min(min(left, right), min(up, down));
     high = max(max(left, right), max(up, down));
@@ -70,7 +71,7 @@ vec4 weighted(vec4 left, vec4 right, vec4 up, vec4 down, out vec4 low, out vec4 
     return (w_row * (left + right) + w_column * (up + down)) * (0.5 / (w_row + w_column));
 }
 
-// The same in a checkerboard, where all four neighbours are samples, and the pixel's own cell holds one of them.
+// A checkerboard's pixel without a sample: all four neighbours have one, and its own cell holds one of them.
 vec4 from_checkerboard(ivec2 p, int cell, int aside, vec4 own, out vec4 low, out vec4 high) {
     ivec2 last = textureSize(rendered, 0).xy - 1;
     int next = cell + aside;
