@@ -1,6 +1,6 @@
 #version 460
 // Splats by tiles: one workgroup a tile, whose pixels stay in registers while its splats are blended front to back in full
-// precision, until all of them are finished. A pixel that is finished takes nothing more; eight that are, are left alone.
+// precision, until all of them are finished. A pixel that is finished takes nothing more; a piece that is, is left alone.
 //
 // Every invocation fetches one splat, and all of them blend the eight splats one after the other: a processor's vector fetches
 // from as many places one by one, so that what each of them fetched for itself would take longer than what it is for.
@@ -13,15 +13,17 @@
 layout(local_size_x = LANES) in;
 layout(set = 3, binding = 5, std430) writeonly buffer TilePixels { vec4 pixels[]; }; // view, pixel; then what is counted
 
-// A workgroup blends a piece of four by two pixels at once. A tile is cut into strips four pixels across, and those into pieces.
-// The strips lie side by side, or where pixels are wide (interleaved) one above the other, so that a piece of them, two by
-// four, covers a square of the shown image.
-const bool WIDE = SAMPLING != SAMPLING_CENTERS;
-const int ACROSS = WIDE ? 1 : 0; // the axis that the strips follow each other along
-const int ALONG = 1 - ACROSS;
+// A tile is cut into strips four pixels across, and those into pieces eight pixels along, which splats reach or do not. A piece
+// is four vectors of pixels, which pay for one question and its branch and wait for their results together. Smaller pieces blend
+// fewer pixels for nothing, and take longer by a fifth: what a processor expected of their branches is wrong too often.
 const int STRIP = 4, STRIPS = SIDE / STRIP;
-const int PIECE = int(LANES) / STRIP, PIECES = SIDE / PIECE; // in a strip
-const int HELD = STRIPS * PIECES; // pixels that an invocation holds
+const int VECTOR = int(LANES) / STRIP, VECTORS = 4; // pixels along a vector; vectors in a piece
+const int PIECE = VECTOR * VECTORS, PIECES = SIDE / PIECE; // pixels along a piece; pieces in a strip
+const int HELD = STRIPS * PIECES * VECTORS; // pixels that an invocation holds
+
+const bool SCATTERED = SAMPLING != SAMPLING_CENTERS && !CHECKERBOARD; // samples lie elsewhere in every pixel
+// Whether a splat's axes are turned until q stays the same down a strip: where only the sum of their squares counts.
+const bool TURNED = PROJECTION != PROJECTION_EXACT && !SCATTERED;
 
 vec4 sums[HELD]; // colour; what comes through
 float beside[HELD]; // of samples, pixels to the right. In a checkerboard they go by rows, and all of an invocation's are equal
@@ -33,10 +35,10 @@ vec3 shuffled(vec3 v, uint lane) {
     return vec3(subgroupShuffle(v.x, lane), subgroupShuffle(v.y, lane), subgroupShuffle(v.z, lane));
 }
 
-// A bit for each eight of pixels, from the tile's corner, that a box of pixels reaches into.
+// A bit for each piece that a box of pixels, from the tile's corner, reaches into.
 uint reached(ivec4 box) {
-    ivec2 first = ivec2(max(box[ACROSS], 0) / STRIP, max(box[ALONG], 0) / PIECE);
-    ivec2 beyond = ivec2((min(box[2 + ACROSS], SIDE - 1) + STRIP) / STRIP, (min(box[2 + ALONG], SIDE - 1) + PIECE) / PIECE);
+    ivec2 first = max(box.xy, 0) / ivec2(STRIP, PIECE);
+    ivec2 beyond = (min(box.zw, SIDE - 1) + ivec2(STRIP, PIECE)) / ivec2(STRIP, PIECE);
     if (box.x > box.z || box.y > box.w || first.x >= beyond.x || first.y >= beyond.y) return 0u;
     uint pieces = (1u << beyond.y) - (1u << first.y);
     uint all = 0u;
@@ -49,23 +51,19 @@ float pow2(float x) { return x * x; }
 
 // A pixel that an invocation holds, from the tile's corner.
 ivec2 held(int i, ivec2 own) {
-    own[ACROSS] += i / PIECES * STRIP;
-    own[ALONG] += i % PIECES * PIECE;
-    return own;
+    return own + ivec2(i / (PIECES * VECTORS) * STRIP, i % (PIECES * VECTORS) * VECTOR);
 }
 
 void main() {
     uvec2 tile = gl_WorkGroupID.xy;
     uint layer = gl_WorkGroupID.z;
     uint lane = gl_SubgroupInvocationID;
-    ivec2 own;
-    own[ACROSS] = int(lane) % STRIP;
-    own[ALONG] = int(lane) / STRIP;
+    ivec2 own = ivec2(int(lane) % STRIP, int(lane) / STRIP);
     ivec2 corner = ivec2(tile) * SIDE;
     [[unroll]] for (int i = 0; i < HELD; i++) {
         sums[i] = vec4(0.0, 0.0, 0.0, 1.0);
         beside[i] = 0.0;
-        if (WIDE) beside[i] = sample_offset(uvec2(corner + held(i, own)));
+        if (SAMPLING != SAMPLING_CENTERS) beside[i] = sample_offset(uvec2(corner + held(i, own)));
 #ifdef COUNT
         layers[i] = vec2(0.0);
 #endif
@@ -80,12 +78,13 @@ void main() {
         at = 0u;
         end = plan.visible;
     }
+    float stop_below = push.stop_below; // asked for once, not by every pixel
     uint hits = 0u;
-    // Of the eights of pixels that go on: those with a pixel of the image to begin with.
+    // Pieces that go on: those with a pixel of the image to begin with.
     uint open = 0u;
-    [[unroll]] for (int i = 0; i < HELD; i++) {
+    [[unroll]] for (int i = 0; i < HELD; i += VECTORS) {
         ivec2 first = corner + held(i, ivec2(0));
-        if (first.x < int(push.width) && first.y < int(push.height)) open |= 1u << i;
+        if (first.x < int(push.width) && first.y < int(push.height)) open |= 1u << i / VECTORS;
     }
     for (; at < end; at += LANES) {
         uint entry = min(at + lane, end - 1u);
@@ -102,6 +101,14 @@ void main() {
         s.q *= UNIT;
         s.lean /= UNIT;
         s.quadratic /= HALF_LOG2_E;
+        if (TURNED) {
+            vec2 down = vec2(s.p.z, s.q.z);
+            float length = sqrt(dot(down, down));
+            vec2 turn = length > 0.0 ? down / length : vec2(1.0, 0.0);
+            vec3 turned = turn.x * s.p + turn.y * s.q;
+            s.q = turn.x * s.q - turn.y * s.p;
+            s.p = turned;
+        }
         vec4 own_color = vec4(unpackHalf2x16(s.rg), unpackHalf2x16(s.ba));
         float k = polygon_radius(own_color.a);
         float own_power = log2(own_color.a);
@@ -111,6 +118,7 @@ void main() {
         for (uint i = 0u; i < count; i++) {
             uint blends = subgroupShuffle(own_reached, i) & open;
             vec3 p = shuffled(s.p, i), q = shuffled(s.q, i), ahead = shuffled(s.ahead, i);
+            if (TURNED) q.z = 0.0;
             vec3 color = shuffled(own_color.rgb, i);
             float power = subgroupShuffle(own_power, i);
             float least = subgroupShuffle(own_least, i);
@@ -122,43 +130,48 @@ void main() {
             }
             [[unroll]] for (int strip = 0; strip < STRIPS; strip++) {
                 [[dont_flatten]] if ((blends & ((1u << PIECES) - 1u) << (strip * PIECES)) != 0u) {
-                    vec2 place = vec2(held(strip * PIECES, own));
+                    vec2 place = vec2(held(strip * PIECES * VECTORS, own));
                     if (CHECKERBOARD) place.x += beside[0];
                     vec3 first = vec3(p.x + dot(p.yz, place), q.x + dot(q.yz, place), ahead.x + dot(ahead.yz, place));
+                    vec3 down = vec3(p.z, q.z, ahead.z);
+                    float first_q = first.y * first.y;
                     [[unroll]] for (int piece = 0; piece < PIECES; piece++) {
-                        int pixel = strip * PIECES + piece;
-                        [[dont_flatten]] if ((blends & 1u << pixel) != 0u) {
-                            vec3 on = first + vec3(p[1 + ALONG], q[1 + ALONG], ahead[1 + ALONG]) * float(piece * PIECE);
-                            if (WIDE && !CHECKERBOARD) on += vec3(p.y, q.y, ahead.y) * beside[pixel];
-                            float fall = dot(on.xy, on.xy);
-                            bool before = true;
-                            // A ray that meets the plane behind the eye is far from all of the splat.
-                            if (PROJECTION == PROJECTION_TANGENT) fall /= pow2(max(on.z, 1e-18));
-                            if (PROJECTION == PROJECTION_EXACT) {
-                                float along = dot(lean, on.xy);
-                                before = on.z - along > 0.0;
-                                fall /= on.z * on.z - 2.0 * on.z * along + quadratic.x * on.x * on.x + quadratic.y * on.x * on.y
-                                    + quadratic.z * on.y * on.y;
-                            }
-                            // Far outside nothing is left; not so little that it is a subnormal number, which takes many
-                            // times as long.
-                            float alpha = exp2(max(power - fall, -64.0));
-                            vec4 sum = sums[pixel];
-                            bool hit = before && alpha >= least && sum.a >= push.stop_below;
-                            hits += uint(hit);
-                            alpha = hit ? min(alpha, MAX_ALPHA) : 0.0;
-                            float weight = sum.a * alpha;
-                            sums[pixel] = vec4(sum.rgb + color * weight, sum.a - weight);
+                        [[dont_flatten]] if ((blends & 1u << (strip * PIECES + piece)) != 0u) {
+                            [[unroll]] for (int vector = 0; vector < VECTORS; vector++) {
+                                int pixel = (strip * PIECES + piece) * VECTORS + vector;
+                                vec3 on = first + down * float(piece * PIECE + vector * VECTOR);
+                                if (SCATTERED) on += vec3(p.y, q.y, ahead.y) * beside[pixel];
+                                float fall = on.x * on.x + (TURNED ? first_q : on.y * on.y);
+                                // A ray that meets the plane behind the eye is far from all of the splat.
+                                if (PROJECTION == PROJECTION_TANGENT) fall /= pow2(max(on.z, 1e-18));
+                                bool before = true;
+                                if (PROJECTION == PROJECTION_EXACT) {
+                                    float leans = dot(lean, on.xy);
+                                    before = on.z - leans > 0.0;
+                                    fall /= on.z * on.z - 2.0 * on.z * leans + quadratic.x * on.x * on.x
+                                        + quadratic.y * on.x * on.y + quadratic.z * on.y * on.y;
+                                }
+                                // Far outside nothing is left; not so little that it is a subnormal number, which takes many
+                                // times as long.
+                                float alpha = exp2(max(power - fall, -64.0));
+                                vec4 sum = sums[pixel];
+                                // All at once: "&&" would make branches of it.
+                                bool hit = all(bvec3(before, greaterThanEqual(vec2(alpha, sum.a), vec2(least, stop_below))));
+                                hits += uint(hit);
+                                alpha = hit ? min(alpha, MAX_ALPHA) : 0.0;
+                                float weight = sum.a * alpha;
+                                sums[pixel] = vec4(sum.rgb + color * weight, sum.a - weight);
 #ifdef COUNT
-                            layers[pixel] += vec2(1.0, hit);
+                                layers[pixel] += vec2(1.0, hit);
 #endif
+                            }
                         }
                     }
                 }
             }
         }
         uint mine = 0u;
-        [[unroll]] for (int i = 0; i < HELD; i++) mine |= sums[i].a < push.stop_below ? 0u : 1u << i;
+        [[unroll]] for (int i = 0; i < HELD; i++) mine |= sums[i].a < stop_below ? 0u : 1u << i / VECTORS;
         uint anyones = 0u;
         [[unroll]] for (uint i = 0u; i < LANES; i++) anyones |= subgroupShuffle(mine, i);
         open &= anyones;
