@@ -2,7 +2,7 @@
 //! that a window shows it, and a headset.
 
 use egui::{CollapsingHeader, ComboBox, DragValue, Ui};
-use motes_renderer::{CHOICES, Choice, Kind, PRESETS, RenderConfig};
+use motes_renderer::{CHOICES, Choice, Kind, PRESETS, RenderConfig, SceneOnDevice};
 use motes_scenes::settings::{Axis, Orientation};
 
 use crate::eye::EyeMode;
@@ -15,7 +15,8 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer, figures: &Figures, device: &str) -
     let mut commands = Vec::new();
     egui::ScrollArea::vertical().show(ui, |ui| {
         head(ui, viewer, &mut commands);
-        figures_table(ui, viewer, figures, device);
+        let shown = viewer.stage.as_ref().map(Stage::shown);
+        figures_table(ui, shown, viewer.order_age(), figures, device);
         CollapsingHeader::new("View").default_open(true).show(ui, |ui| view(ui, viewer, &mut commands));
         CollapsingHeader::new("Overdraw budget")
             .default_open(true)
@@ -63,12 +64,17 @@ fn head(ui: &mut Ui, viewer: &mut Viewer, commands: &mut Vec<Command>) {
     }
 }
 
-fn figures_table(ui: &mut Ui, viewer: &Viewer, figures: &Figures, device: &str) {
+fn figures_table(
+    ui: &mut Ui,
+    scene: Option<&SceneOnDevice>,
+    order_age: u32,
+    figures: &Figures,
+    device: &str,
+) {
     let report = &figures.report;
     let seconds = figures.seconds();
     let rate = if seconds > 0.0 { 1.0 / seconds } else { 0.0 };
-    let splats = viewer.stage.as_ref().map_or(0, |s| s.shown().splats);
-    let bytes = viewer.stage.as_ref().map_or(0, |s| s.shown().bytes());
+    let (splats, bytes) = scene.map_or((0, 0), |s| (s.splats, s.bytes()));
     egui::Grid::new("figures").num_columns(2).show(ui, |ui| {
         let mut row = |name: &str, value: String| {
             ui.label(name);
@@ -79,10 +85,11 @@ fn figures_table(ui: &mut Ui, viewer: &Viewer, figures: &Figures, device: &str) 
         row("on the device", format!("{:.1} ms", report.device_ns() / 1e6));
         row("  prepare, draw", format!("{:.1}, {:.1} ms", report.prepare_ns / 1e6, report.draw_ns / 1e6));
         row("splats", format!("{} of {splats}", report.visible));
+        row("drawn by", figures.expansion.map_or_else(|| "nothing yet".to_owned(), |e| e.to_string()));
         row("fragments", format!("{:.2} M, {:.1} a pixel", report.fragments as f64 / 1e6, report.layers()));
         row(
             "order",
-            match viewer.order_age() {
+            match order_age {
                 0 => "of this place".to_owned(),
                 age => format!("{age} frames old"),
             },
@@ -320,5 +327,43 @@ fn choose(ui: &mut Ui, choice: &Choice, config: &mut RenderConfig) {
         && let Err(error) = choice.set(config, &value)
     {
         log::warn!("{}: {error}", choice.name);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use egui::{Context, Shape};
+    use motes_renderer::Expansion;
+
+    /// All that the table of figures says.
+    fn said(figures: &Figures) -> Vec<String> {
+        let context = Context::default();
+        // Sizes of a grid's cells are known from the second frame on.
+        let mut said = Vec::new();
+        for _ in 0..2 {
+            let mut output = context.run_ui(egui::RawInput::default(), |ui| {
+                figures_table(ui, None, 0, figures, "a device");
+            });
+            output.textures_delta.clear();
+            said = output
+                .shapes
+                .into_iter()
+                .filter_map(|s| match s.shape {
+                    Shape::Text(text) => Some(text.galley.text().to_owned()),
+                    _ => None,
+                })
+                .collect();
+        }
+        said
+    }
+
+    #[test]
+    fn figures_say_what_draws_not_what_is_chosen() {
+        let tiles = said(&Figures { expansion: Some(Expansion::Tiles), ..Figures::default() });
+        let row = tiles.iter().position(|t| t == "drawn by");
+        assert_eq!(row.and_then(|r| tiles.get(r + 1)).map(String::as_str), Some("tiles"), "{tiles:?}");
+        let none = said(&Figures::default());
+        assert!(none.iter().any(|t| t == "nothing yet") && !none.iter().any(|t| t == "tiles"), "{none:?}");
     }
 }

@@ -9,7 +9,7 @@ use glam::DVec3;
 use motes_renderer::gpu::Gpu;
 use motes_renderer::order::{OrderRequest, SortWorker, SplatOrder};
 use motes_renderer::plan::{Overrides, Plan};
-use motes_renderer::{FrameReport, Packing, RenderConfig, SceneOnDevice, Sorter, Upscale, View};
+use motes_renderer::{Expansion, FrameReport, Packing, RenderConfig, SceneOnDevice, Sorter, Upscale, View};
 use motes_scenes::Format;
 use motes_scenes::settings::Settings;
 
@@ -449,6 +449,9 @@ pub fn in_scene_units(config: &RenderConfig, scale: f64) -> RenderConfig {
 pub struct Figures {
     /// The newest finished frame.
     pub report: FrameReport,
+    /// What its splats were expanded by, which need not be what is chosen: a device may draw faster otherwise. None before
+    /// the first frame.
+    pub expansion: Option<Expansion>,
     /// Seconds from frame to frame, oldest first; at most [`Figures::KEPT`].
     pub frames: std::collections::VecDeque<f64>,
 }

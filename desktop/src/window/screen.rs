@@ -9,8 +9,7 @@ use motes_app::viewer::{Figures, Viewer};
 use motes_renderer::gpu::{Gpu, GpuError, Image, ImageDescription};
 use motes_renderer::pipeline_cache;
 use motes_renderer::{
-    ConfigError, DrawRequest, Expansion, Lens, Offscreen, RenderConfig, Renderer, SceneOnDevice, Stereo,
-    Target, View,
+    ConfigError, DrawRequest, Lens, Offscreen, RenderConfig, Renderer, SceneOnDevice, Stereo, Target, View,
 };
 use winit::raw_window_handle::{RawDisplayHandle, RawWindowHandle};
 
@@ -37,8 +36,6 @@ pub struct Screen {
     accepted: RenderConfig,
     /// Whether another expansion may take the default one's place where the device draws with it faster.
     pub suit_device: bool,
-    /// The expansion of the last frame.
-    expansion: Expansion,
 }
 
 impl Screen {
@@ -75,7 +72,6 @@ impl Screen {
             frames: 0,
             accepted: RenderConfig::default(),
             suit_device: false,
-            expansion: RenderConfig::default().expansion,
         })
     }
 
@@ -148,8 +144,7 @@ impl Screen {
                 let one_pass = self.gpu.capabilities.multiview && !config.sort_per_eye;
                 let stereo = if one_pass { Stereo::Multiview } else { Stereo::TwoPass };
                 let config = suited(&self.gpu, suit_device, config, scene, &views);
-                if config.expansion != self.expansion {
-                    self.expansion = config.expansion;
+                if self.figures.expansion.replace(config.expansion) != Some(config.expansion) {
                     log::info!("splats are drawn by {}", config.expansion);
                 }
                 let request =
