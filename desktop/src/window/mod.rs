@@ -132,12 +132,17 @@ struct Open {
     last: Instant,
     /// Frames are drawn until then without a further reason.
     awake: Instant,
+    /// Frames that are still drawn once nothing moves any more: the panel's figures are of an earlier frame.
+    owed: usize,
     pictures: PathBuf,
     window: Arc<Window>,
 }
 
 /// How long frames go on after the last event.
 const AWAKE: Duration = Duration::from_millis(500);
+/// Frames until the panel's figures are of what is shown: those under way, the one that takes their report, and the one that
+/// shows it. A time would not do: the first frame of a scene can take seconds, for which pipelines are made.
+const FIGURES_BEHIND: usize = swapchain::FRAMES + 2;
 /// How often gamepads and loading are looked at while nothing moves.
 const IDLE: Duration = Duration::from_millis(50);
 
@@ -165,6 +170,9 @@ impl ApplicationHandler for Shell {
         let now = Instant::now();
         let busy = open.viewer.is_busy() || open.heat.is_busy() || open.markers.is_busy();
         if now < open.awake || busy || open.gamepads.is_moved() {
+            open.owed = FIGURES_BEHIND;
+        }
+        if open.owed > 0 {
             event_loop.set_control_flow(ControlFlow::Poll);
             open.window.request_redraw();
         } else {
@@ -228,6 +236,7 @@ impl Open {
             gamepads,
             last: now,
             awake: now + AWAKE,
+            owed: 0,
             pictures,
             window,
         })
@@ -317,6 +326,7 @@ impl Open {
         // After a pause, nothing jumps.
         let seconds = (now - self.last).as_secs_f64().min(0.25);
         self.last = now;
+        self.owed = self.owed.saturating_sub(1);
         let (sticks, mut commands) = self.gamepads.poll();
         let height = f64::from(self.screen.size()[1]);
         let motion = self.input.motion(self.viewer.pace(), seconds, height, &sticks);
