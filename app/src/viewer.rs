@@ -449,8 +449,8 @@ pub fn in_scene_units(config: &RenderConfig, scale: f64) -> RenderConfig {
 pub struct Figures {
     /// The newest finished frame.
     pub report: FrameReport,
-    /// What its splats were expanded by, which need not be what is chosen: a device may draw faster otherwise. None before
-    /// the first frame.
+    /// What the frame that was asked for last expands its splats by, which need not be what is chosen: a device may draw
+    /// faster otherwise. None before the first.
     pub expansion: Option<Expansion>,
     /// Seconds from frame to frame, oldest first; at most [`Figures::KEPT`].
     pub frames: std::collections::VecDeque<f64>,

@@ -171,12 +171,13 @@ impl ApplicationHandler for Shell {
         let busy = open.viewer.is_busy() || open.heat.is_busy() || open.markers.is_busy();
         if now < open.awake || busy || open.gamepads.is_moved() {
             open.owed = FIGURES_BEHIND;
-        }
-        if open.owed > 0 {
             event_loop.set_control_flow(ControlFlow::Poll);
-            open.window.request_redraw();
         } else {
             event_loop.set_control_flow(ControlFlow::WaitUntil(now + IDLE));
+        }
+        // What is only owed is waited for: nobody may ask a window that is hidden to draw.
+        if open.owed > 0 {
+            open.window.request_redraw();
         }
     }
 }
