@@ -364,6 +364,7 @@ mod tests {
         let row = tiles.iter().position(|t| t == "drawn by");
         assert_eq!(row.and_then(|r| tiles.get(r + 1)).map(String::as_str), Some("tiles"), "{tiles:?}");
         let none = said(&Figures::default());
+        assert!(none.iter().any(|t| t == "0.0 ms, 0.0 a second"), "{none:?}");
         assert!(none.iter().any(|t| t == "nothing yet") && !none.iter().any(|t| t == "tiles"), "{none:?}");
     }
 }

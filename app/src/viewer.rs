@@ -471,7 +471,8 @@ impl Figures {
 
     /// Mean seconds from frame to frame; 0 before the first.
     pub fn seconds(&self) -> f64 {
-        self.frames.iter().sum::<f64>() / self.frames.len().max(1) as f64
+        // The sum of nothing is -0, which would be written so.
+        (0.0 + self.frames.iter().sum::<f64>()) / self.frames.len().max(1) as f64
     }
 }
 
