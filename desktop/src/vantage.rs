@@ -12,16 +12,13 @@ use crate::bench::subject::Views;
 use crate::error::CommandError;
 use crate::shots::resized;
 
-/// From where.
+/// From where a scene is looked at to change it.
 #[derive(Clone, Debug, clap::Args)]
 #[command(next_help_heading = "From where")]
-pub struct VantageArgs {
+pub struct LookArgs {
     /// Cameras to look from (those beside the scene; where there are none, views are generated around it)
     #[arg(long, value_name = "FILE")]
     pub cameras: Option<PathBuf>,
-    /// Judge by these cameras (the data set's test pictures, else every eighth camera)
-    #[arg(long, value_name = "FILE[:NAME,…]")]
-    pub judge: Option<Views>,
     /// Look from so many views at most, spread evenly over the cameras; where there are fewer cameras, also from between
     /// neighbouring ones
     #[arg(long, value_name = "N", default_value_t = 48, value_parser = clap::value_parser!(u32).range(1..=10_000))]
@@ -29,6 +26,15 @@ pub struct VantageArgs {
     /// Size of the pictures that are looked at, as a share of the cameras'
     #[arg(long, value_name = "SHARE", default_value_t = 0.5, value_parser = share)]
     pub scale: f64,
+}
+
+/// From where the result is judged.
+#[derive(Clone, Debug, clap::Args)]
+#[command(next_help_heading = "From where")]
+pub struct JudgeArgs {
+    /// Judge by these cameras (the data set's test pictures, else every eighth camera)
+    #[arg(long, value_name = "FILE[:NAME,…]")]
+    pub judge: Option<Views>,
     /// Size of the pictures that are judged, as a share of the cameras'
     #[arg(long, value_name = "SHARE", default_value_t = 1.0, value_parser = share)]
     pub judge_scale: f64,
@@ -69,51 +75,27 @@ const JUDGES: u32 = 8;
 /// Without a split, every so manyth camera is held out, as the trainers do it (Kerbl et al. 2023).
 const HELD_OUT: usize = 8;
 
-impl VantageArgs {
-    /// The views for a scene.
+impl LookArgs {
+    /// The scene's cameras, or those that are named.
+    fn cameras(&self, opened: &Opened) -> Result<Vec<Camera>, CommandError> {
+        Ok(match &self.cameras {
+            Some(file) => cameras::load(file)?,
+            None => opened.cameras.clone(),
+        })
+    }
+
+    /// The views to look from, and what they are, for people.
     ///
     /// # Errors
-    /// A camera file cannot be read, or has no camera of a name.
-    pub fn vantage(&self, opened: &Opened) -> Result<Vantage, CommandError> {
-        let loaded = self.cameras.as_deref().map(cameras::load).transpose()?;
-        let list = loaded.as_deref().unwrap_or(&opened.cameras);
-        let mut judge: Vec<Seat> = match &self.judge {
-            Some(views) => {
-                let all = cameras::load(&views.path)?;
-                let named = |name: &String| cameras::find(&all, name).map_err(CommandError::Usage);
-                match views.names.is_empty() {
-                    true => all.iter().map(seat).collect(),
-                    false => views.names.iter().map(|n| named(n).map(seat)).collect::<Result<_, _>>()?,
-                }
-            }
-            None => Vec::new(),
-        };
-        let split = list.iter().any(|c| c.split == Some(Split::Test));
-        let held_out = |i: usize, c: &Camera| {
-            if split { c.split == Some(Split::Test) } else { i.is_multiple_of(HELD_OUT) }
-        };
-        let mut look: Vec<View> = Vec::new();
-        for (i, camera) in list.iter().enumerate() {
-            if !held_out(i, camera) {
-                look.push(View::from_camera(camera));
-            } else if self.judge.is_none() {
-                judge.push(seat(camera));
-            }
-        }
+    /// The camera file cannot be read.
+    pub fn views(&self, opened: &Opened) -> Result<(Vec<View>, String), CommandError> {
+        let (cameras, _) = split(&self.cameras(opened)?);
+        let mut look: Vec<View> = cameras.iter().map(View::from_camera).collect();
         let mut said = format!("{} of the data set's cameras", look.len().min(self.views as usize));
         if look.is_empty() {
             let framing = Framing::of(&opened.scene.splats, &opened.settings);
             look = (0..self.views).map(|i| generated(&framing, i, self.views, 0.0)).collect();
             said = format!("{} views generated around the scene", look.len());
-            if judge.is_empty() {
-                judge = (0..JUDGES)
-                    .map(|i| Seat {
-                        name: format!("between-{i}"),
-                        view: generated(&framing, i, JUDGES, 0.37),
-                        photograph: None,
-                    })
-                    .collect();
-            }
         }
         let missing = (self.views as usize).saturating_sub(look.len());
         if missing > 0 && look.len() > 1 {
@@ -122,15 +104,69 @@ impl VantageArgs {
             look.extend(between);
         }
         let look = spread(&look, self.views as usize).into_iter().map(|v| scaled(v, self.scale)).collect();
-        for seat in &mut judge {
-            seat.view = scaled(&seat.view, self.judge_scale);
+        Ok((look, said))
+    }
+
+    /// The views for a scene.
+    ///
+    /// # Errors
+    /// A camera file cannot be read, or has no camera of a name.
+    pub fn vantage(&self, opened: &Opened, judging: &JudgeArgs) -> Result<Vantage, CommandError> {
+        let (look, said) = self.views(opened)?;
+        let (_, mut judge) = judging.seats(&self.cameras(opened)?)?;
+        if judge.is_empty() {
+            let framing = Framing::of(&opened.scene.splats, &opened.settings);
+            judge = (0..JUDGES)
+                .map(|i| Seat {
+                    name: format!("between-{i}"),
+                    view: scaled(&generated(&framing, i, JUDGES, 0.37), judging.judge_scale),
+                    photograph: None,
+                })
+                .collect();
         }
         Ok(Vantage { look, said: format!("{said}; judged by {} others", judge.len()), judge })
     }
 }
 
-fn seat(camera: &Camera) -> Seat {
-    Seat { name: camera.name.clone(), view: View::from_camera(camera), photograph: camera.image.clone() }
+impl JudgeArgs {
+    /// Seats that nobody judges by, and those to judge by; all at the size of pictures that are judged.
+    ///
+    /// # Errors
+    /// A camera file cannot be read, or has no camera of a name.
+    pub fn seats(&self, cameras: &[Camera]) -> Result<(Vec<Seat>, Vec<Seat>), CommandError> {
+        let (rest, held_out) = split(cameras);
+        let judges = match &self.judge {
+            None => held_out,
+            Some(views) => {
+                let all = cameras::load(&views.path)?;
+                let named = |n: &String| cameras::find(&all, n).cloned().map_err(CommandError::Usage);
+                match views.names.is_empty() {
+                    true => all,
+                    false => views.names.iter().map(named).collect::<Result<_, _>>()?,
+                }
+            }
+        };
+        let seat = |camera: &Camera| Seat {
+            name: camera.name.clone(),
+            view: scaled(&View::from_camera(camera), self.judge_scale),
+            photograph: camera.image.clone(),
+        };
+        let judges: Vec<Seat> = judges.iter().map(seat).collect();
+        let judged = |seat: &Seat| judges.iter().any(|judge| judge.view == seat.view);
+        let rest = rest.iter().map(seat).filter(|seat| !judged(seat)).collect();
+        Ok((rest, judges))
+    }
+}
+
+/// Cameras that are not held out, and those that are: the data set's test pictures, else every eighth.
+fn split(cameras: &[Camera]) -> (Vec<Camera>, Vec<Camera>) {
+    let said = cameras.iter().any(|c| c.split == Some(Split::Test));
+    let (mut rest, mut held_out) = (Vec::new(), Vec::new());
+    for (i, camera) in cameras.iter().enumerate() {
+        let held = if said { camera.split == Some(Split::Test) } else { i.is_multiple_of(HELD_OUT) };
+        if held { held_out.push(camera.clone()) } else { rest.push(camera.clone()) }
+    }
+    (rest, held_out)
 }
 
 /// So many of a list, evenly spread.

@@ -81,6 +81,18 @@ fn scenes_are_labelled_optimised_and_levelled() {
     assert!(folder.join("fit/right-distance.svg").is_file() && folder.join("fit/report.json").is_file());
     let tested = run(&[&eval[..], &["-o", &at("fit")]].concat()).unwrap();
     assert!(tested.contains("2 views that were not fitted to"), "{tested}");
+    // Who judges can be said: nothing is fitted to those views.
+    let judges = format!("{}:c1,c2,c3", at("cameras.json"));
+    let copy = at("judged.mlod");
+    std::fs::copy(&levels, &copy).unwrap();
+    let judged = |what: &str| {
+        run(&["lod", what, &copy, "--against", "finest", "--judge", &judges, "-o", &at("judged")]).unwrap()
+    };
+    let (fitted, tested) = (judged("fit"), judged("eval"));
+    assert!(fitted.contains("7 views, 3 levels"), "{fitted}");
+    assert!(tested.contains("3 views that were named"), "{tested}");
+    // What would have no effect is refused.
+    assert!(run(&[&fit[..], &["--views", "3"]].concat()).unwrap_err().contains("--views"));
     let trials: serde_json::Value =
         serde_json::from_slice(&std::fs::read(folder.join("fit/trials.json")).unwrap()).unwrap();
     let share = |k: usize| trials["summaries"][k]["splats"].as_f64().unwrap();

@@ -382,6 +382,8 @@ fn stochastic_frames_are_averaged_and_follow_the_head() {
         offscreen.renderer().forget_history();
         offscreen.renderer().average_samples(average);
         offscreen.renderer().set_sample(100);
+        let gathers = if average { stochastic.samples } else { 1 };
+        assert_eq!(offscreen.renderer().gathers(&stochastic, eyes[0].size), gathers);
         let mut shown: Vec<f64> = Vec::new();
         for _ in 0..16 {
             shown.push(db(&offscreen.frame(&scene, &eyes, &stochastic).unwrap().0, &sorted));

@@ -274,6 +274,32 @@ fn eight_frames_of_a_still_eye_are_full_resolution_and_motion_leaves_no_ghost() 
     }
 }
 
+/// What a window goes by to draw a view that stays until its picture is finished, and no longer.
+#[test]
+fn a_still_picture_is_finished_after_as_many_frames_as_it_says() {
+    let gpu = TestGpu::new();
+    let on_device = SceneOnDevice::new(&gpu, &scene(), PLAIN).unwrap();
+    let mut offscreen = Offscreen::new(&gpu).unwrap();
+    for (scale, upscale, gathers) in [
+        (0.5, Upscale::InterleavedTemporal, 8),
+        (0.7, Upscale::InterleavedTemporal, 8),
+        (0.5, Upscale::Interleaved, 1),
+        (1.0, Upscale::InterleavedTemporal, 1),
+    ] {
+        let config = reduced(scale, upscale);
+        assert_eq!(offscreen.renderer().gathers(&config, SIZE), gathers, "{scale}, {upscale}");
+        offscreen.renderer().forget_history();
+        let shown: Vec<Picture> = (0..12)
+            .map(|_| offscreen.render(&on_device, &[eye(0.0)], &config).unwrap().0.remove(0))
+            .collect();
+        let finished = 1 + (0..11).rfind(|i| shown[*i].pixels != shown[11].pixels).map_or(0, |i| i + 1);
+        println!("{scale}, {upscale}: finished after {finished} frames");
+        assert!(finished <= gathers as usize, "{scale}, {upscale}: finished after {finished} frames");
+        // Control: a picture that is made from several frames is not finished by the first.
+        assert_eq!(finished > 1, gathers > 1, "{scale}, {upscale}: finished after {finished} frames");
+    }
+}
+
 /// The bound of ghosting: nothing is shown beyond the range of this frame's own samples next to it.
 #[test]
 fn what_has_moved_away_stays_within_the_samples_beside_it() {

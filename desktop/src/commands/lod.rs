@@ -25,7 +25,7 @@ use crate::lod::fit::{self, LEAST_VIEWS, Line, line, means};
 use crate::lod::observe::{self, Against, Target};
 use crate::lod::plots;
 use crate::measure::Matching;
-use crate::vantage::{Seat, VantageArgs, scaled};
+use crate::vantage::{JudgeArgs, LookArgs, Seat};
 
 /// Levels of detail by class: build them, fit their quality, test what the fit promises
 #[derive(Clone, Debug, clap::Args)]
@@ -71,7 +71,7 @@ pub struct BuildArgs {
     #[arg(long)]
     pub exact: bool,
     #[command(flatten)]
-    vantage: VantageArgs,
+    look: LookArgs,
 }
 
 /// Observe the levels and fit SSIM over level and distance for each class; the fit is kept in the file
@@ -122,8 +122,11 @@ pub struct Judged {
     /// Bring the colours of pictures near the photographs' first
     #[arg(long = "match", value_name = "HOW")]
     pub matching: Option<Matching>,
+    /// Cameras of the views (those beside the file)
+    #[arg(long, value_name = "FILE", help_heading = "From where")]
+    pub cameras: Option<PathBuf>,
     #[command(flatten)]
-    vantage: VantageArgs,
+    judging: JudgeArgs,
 }
 
 /// List a file's levels, classes, groups and fit
@@ -175,7 +178,7 @@ fn build(args: &BuildArgs) -> Result<(), CommandError> {
         .max_by(|a, b| iteration(a).partial_cmp(&iteration(b)).unwrap_or(std::cmp::Ordering::Equal));
     let finest = finest.ok_or_else(|| CommandError::Usage("no scene is named".into()))?;
     let opened = Opened::load(std::slice::from_ref(finest), &LoadOptions::default())?;
-    let loaded = args.vantage.cameras.as_deref().map(cameras::load).transpose()?;
+    let loaded = args.look.cameras.as_deref().map(cameras::load).transpose()?;
     let all_cameras = loaded.as_deref().unwrap_or(&opened.cameras);
     let mut classes = opened.classes.clone();
     let mut label = |splats: &mut Splats| -> Result<(), CommandError> {
@@ -201,7 +204,7 @@ fn build(args: &BuildArgs) -> Result<(), CommandError> {
     if args.scenes.len() == 1 {
         let mut splats = opened.scene.splats.clone();
         label(&mut splats)?;
-        let look = args.vantage.vantage(&opened)?.look;
+        let (look, _) = args.look.views(&opened)?;
         list = simplified(splats, &opened.name, &look, args)?;
     } else {
         for path in &args.scenes {
@@ -254,7 +257,7 @@ fn simplified(
 fn seats(file: &LevelFile, judged: &Judged) -> Result<(Splats, Vec<Seat>, Vec<Seat>), CommandError> {
     let finest = observe::level(file, 0)?;
     let path = file.path().to_owned();
-    let list = match &judged.vantage.cameras {
+    let list = match &judged.cameras {
         Some(file) => cameras::load(file)?,
         None => cameras::beside(&path).map(|f| cameras::load(&f)).transpose()?.unwrap_or_default(),
     };
@@ -263,17 +266,7 @@ fn seats(file: &LevelFile, judged: &Judged) -> Result<(Splats, Vec<Seat>, Vec<Se
             "the levels' cameras are not known: name a file of them by --cameras".into(),
         ));
     }
-    let split = list.iter().any(|c| c.split == Some(cameras::Split::Test));
-    let (mut fit, mut judge) = (Vec::new(), Vec::new());
-    for (i, camera) in list.iter().enumerate() {
-        let seat = Seat {
-            name: camera.name.clone(),
-            view: scaled(&View::from_camera(camera), judged.vantage.judge_scale),
-            photograph: camera.image.clone(),
-        };
-        let held_out = if split { camera.split == Some(cameras::Split::Test) } else { i % 8 == 0 };
-        if held_out { judge.push(seat) } else { fit.push(seat) }
-    }
+    let (fit, judge) = judged.judging.seats(&list)?;
     Ok((finest, fit, judge))
 }
 
@@ -405,7 +398,10 @@ fn eval(args: &EvalArgs) -> Result<(), CommandError> {
         )));
     }
     let targets: Vec<Target> = observe::targets(&finest, &seats, masks.as_ref(), *against, &options())?;
-    let mut text = format!("{} views that were not fitted to\n\n", targets.len());
+    // Whether the fit knew of those that are named, nobody can say here.
+    let named = args.judged.judging.judge.is_some();
+    let which = if named { "named" } else { "not fitted to" };
+    let mut text = format!("{} views that were {which}\n\n", targets.len());
     text += "target   splats   SSIM of pictures   |predicted − measured|   of views    bias   of means   target kept\n";
     let (mut all, mut summaries): (Vec<Trial>, Vec<Summary>) = (Vec::new(), Vec::new());
     let bar = ProgressBar::new((args.targets.len() * targets.len()) as u64);

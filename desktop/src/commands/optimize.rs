@@ -20,7 +20,7 @@ use crate::error::CommandError;
 use crate::judge::{Bench, Figures};
 use crate::measure::{ColourMap, DEFAULT_PIXELS_PER_DEGREE, Picture, Settings, coloured, flip_map};
 use crate::studio::side_by_side;
-use crate::vantage::{Seat, Vantage, VantageArgs};
+use crate::vantage::{JudgeArgs, LookArgs, Seat, Vantage};
 
 /// Make a scene cheaper to draw: prune and merge what is hardly seen, fit the rest, and say what it cost
 #[derive(Clone, Debug, clap::Args)]
@@ -71,7 +71,9 @@ pub struct OptimizeArgs {
     #[arg(long)]
     pub json: bool,
     #[command(flatten)]
-    vantage: VantageArgs,
+    look: LookArgs,
+    #[command(flatten)]
+    judging: JudgeArgs,
 }
 
 /// What goes first.
@@ -136,7 +138,7 @@ pub fn run(args: &OptimizeArgs) -> Result<(), CommandError> {
         let what = "a moving scene cannot be optimised: what is hidden now may show later. Give a still one";
         return Err(CommandError::Usage(what.into()));
     }
-    let Vantage { look, judge, said } = args.vantage.vantage(&opened)?;
+    let Vantage { look, judge, said } = args.look.vantage(&opened, &args.judging)?;
     let optimised = optimise(&opened.scene.splats, &look, args)?;
     let settings = Settings { pixels_per_degree: args.ppd, ..Settings::default() };
     let progress = spinner("judging");

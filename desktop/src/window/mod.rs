@@ -132,7 +132,8 @@ struct Open {
     last: Instant,
     /// Frames are drawn until then without a further reason.
     awake: Instant,
-    /// Frames that are still drawn once nothing moves any more: the panel's figures are of an earlier frame.
+    /// Frames that are still drawn once nothing moves any more: the panel's figures are of an earlier frame, and a picture may
+    /// be made from several.
     owed: usize,
     pictures: PathBuf,
     window: Arc<Window>,
@@ -170,7 +171,7 @@ impl ApplicationHandler for Shell {
         let now = Instant::now();
         let busy = open.viewer.is_busy() || open.heat.is_busy() || open.markers.is_busy();
         if now < open.awake || busy || open.gamepads.is_moved() {
-            open.owed = FIGURES_BEHIND;
+            open.owed = FIGURES_BEHIND.max(open.screen.gathers);
             event_loop.set_control_flow(ControlFlow::Poll);
         } else {
             event_loop.set_control_flow(ControlFlow::WaitUntil(now + IDLE));

@@ -32,6 +32,8 @@ pub struct Screen {
     /// The window's size, where the swapchain does not fit it any more.
     stale: Option<[u32; 2]>,
     frames: usize,
+    /// Frames that the picture is made from, once nothing moves any more.
+    pub gathers: usize,
     /// The last configuration that the device accepted.
     accepted: RenderConfig,
     /// Whether another expansion may take the default one's place where the device draws with it faster.
@@ -70,6 +72,7 @@ impl Screen {
             gpu: gpu.clone(),
             stale: None,
             frames: 0,
+            gathers: 1,
             accepted: RenderConfig::default(),
             suit_device: false,
         })
@@ -147,6 +150,7 @@ impl Screen {
                 if self.figures.expansion.replace(config.expansion) != Some(config.expansion) {
                     log::info!("splats are drawn by {}", config.expansion);
                 }
+                self.gathers = self.renderer.gathers(&config, target.size) as usize;
                 let request =
                     DrawRequest { scene, order, views: &views, config: &config, target: &target, stereo };
                 self.renderer.draw(&frame, &request)?;

@@ -386,6 +386,12 @@ impl Renderer {
         self.upscaler.average_samples = average;
     }
 
+    /// How many frames of a view that stays the same a picture of `size` pixels is made from at most: frames after them add
+    /// nothing. 1 where a frame keeps nothing for the next.
+    pub fn gathers(&self, config: &RenderConfig, size: [u32; 2]) -> u32 {
+        self.upscaler.gathers(config, size)
+    }
+
     /// Which sample of stochastic transparency the next frame shows; each frame after it shows the next one.
     pub fn set_sample(&mut self, sample: u32) {
         self.sample = sample & (u32::MAX >> 1);

@@ -8,7 +8,7 @@ use crate::config::{RenderConfig, Sorter, Upscale};
 use crate::gpu::{During, Gpu, GpuError, Image, ImageDescription};
 use crate::order::Positions;
 use crate::passes::PUSH_BYTES;
-use crate::resolution::{Resolution, Sampling};
+use crate::resolution::{CYCLE, Resolution, Sampling};
 use crate::view::View;
 use ash::vk;
 use glam::{DMat3, DVec3};
@@ -172,6 +172,13 @@ impl Upscaler {
     /// Whether frames are kept for the next one.
     fn keeps(&self, config: &RenderConfig, resolution: &Resolution) -> bool {
         temporal(config, resolution) || self.means(config)
+    }
+
+    /// How many frames of one view a picture of a size is made from at most.
+    pub fn gathers(&self, config: &RenderConfig, size: [u32; 2]) -> u32 {
+        let cycle = if temporal(config, &Resolution::of(config, size, 0)) { CYCLE } else { 1 };
+        let samples = if self.means(config) { config.samples } else { 1 };
+        cycle.max(samples)
     }
 
     /// How a request's frame is reduced.
