@@ -9,7 +9,7 @@ use glam::DVec3;
 use motes_renderer::gpu::Gpu;
 use motes_renderer::order::{OrderRequest, SortWorker, SplatOrder};
 use motes_renderer::plan::{Overrides, Plan};
-use motes_renderer::{Expansion, FrameReport, Packing, RenderConfig, SceneOnDevice, Sorter, Upscale, View};
+use motes_renderer::{Expansion, FrameReport, Packing, RenderConfig, SceneOnDevice, Sorter, View};
 use motes_scenes::Format;
 use motes_scenes::settings::Settings;
 
@@ -187,8 +187,8 @@ impl Viewer {
         }
     }
 
-    /// Whether frames change by themselves: a scene is on its way, time goes on, an order is being made, frames are
-    /// gathered.
+    /// Whether frames change by themselves: a scene is on its way, time goes on, an order is being made, a budget is not held
+    /// yet. (What a still picture takes in frames, the renderer knows: `Renderer::lacks`.)
     pub fn is_busy(&self) -> bool {
         let Some(stage) = &self.stage else { return self.loading.is_some() };
         self.loading.is_some()
@@ -196,8 +196,6 @@ impl Viewer {
             || stage.sorting.is_sorting()
             || stage.detail.as_ref().is_some_and(Detail::is_busy)
             || self.governor.as_ref().is_some_and(|g| !g.is_at_rest())
-            || self.config.sorter == Sorter::Stochastic
-            || self.config.upscale == Upscale::InterleavedTemporal && self.config.resolution_scale < 1.0
     }
 
     /// How far loading is, while it goes on.

@@ -382,11 +382,11 @@ fn stochastic_frames_are_averaged_and_follow_the_head() {
         offscreen.renderer().forget_history();
         offscreen.renderer().average_samples(average);
         offscreen.renderer().set_sample(100);
-        let gathers = if average { stochastic.samples } else { 1 };
-        assert_eq!(offscreen.renderer().gathers(&stochastic, eyes[0].size), gathers);
         let mut shown: Vec<f64> = Vec::new();
-        for _ in 0..16 {
+        for frame in 1..=16 {
             shown.push(db(&offscreen.frame(&scene, &eyes, &stochastic).unwrap().0, &sorted));
+            let lacks = if average { 16 - frame } else { 0 };
+            assert_eq!(offscreen.renderer().lacks(), lacks, "after frame {frame}");
         }
         shown
     };
@@ -406,6 +406,7 @@ fn stochastic_frames_are_averaged_and_follow_the_head() {
     for i in 1..=24 {
         last = 0.01 * f64::from(i);
         offscreen.frame(&scene, &turned(last), &stochastic).unwrap();
+        assert_eq!(offscreen.renderer().lacks(), 15, "a picture that moves is never finished");
     }
     let end = turned(last + 0.01);
     let moving = offscreen.frame(&scene, &end, &stochastic).unwrap().0;

@@ -171,7 +171,7 @@ impl ApplicationHandler for Shell {
         let now = Instant::now();
         let busy = open.viewer.is_busy() || open.heat.is_busy() || open.markers.is_busy();
         if now < open.awake || busy || open.gamepads.is_moved() {
-            open.owed = FIGURES_BEHIND.max(open.screen.gathers);
+            open.owed = FIGURES_BEHIND;
             event_loop.set_control_flow(ControlFlow::Poll);
         } else {
             event_loop.set_control_flow(ControlFlow::WaitUntil(now + IDLE));
@@ -376,6 +376,7 @@ impl Open {
             &shapes,
             output.pixels_per_point,
         )?;
+        self.owed = self.owed.max(self.screen.lacks);
         for command in commands {
             if !self.obey(command)? {
                 return Ok(false);

@@ -32,8 +32,8 @@ pub struct Screen {
     /// The window's size, where the swapchain does not fit it any more.
     stale: Option<[u32; 2]>,
     frames: usize,
-    /// Frames that the picture is made from, once nothing moves any more.
-    pub gathers: usize,
+    /// Further frames that what is shown is not finished without, if nothing moves.
+    pub lacks: usize,
     /// The last configuration that the device accepted.
     accepted: RenderConfig,
     /// Whether another expansion may take the default one's place where the device draws with it faster.
@@ -72,7 +72,7 @@ impl Screen {
             gpu: gpu.clone(),
             stale: None,
             frames: 0,
-            gathers: 1,
+            lacks: 0,
             accepted: RenderConfig::default(),
             suit_device: false,
         })
@@ -110,6 +110,7 @@ impl Screen {
         shapes: &[ClippedPrimitive],
         pixels_per_point: f32,
     ) -> Result<(), CommandError> {
+        self.lacks = 0;
         self.painter.update(textures)?;
         self.fit()?;
         let size = self.swapchain.size();
@@ -150,10 +151,10 @@ impl Screen {
                 if self.figures.expansion.replace(config.expansion) != Some(config.expansion) {
                     log::info!("splats are drawn by {}", config.expansion);
                 }
-                self.gathers = self.renderer.gathers(&config, target.size) as usize;
                 let request =
                     DrawRequest { scene, order, views: &views, config: &config, target: &target, stereo };
                 self.renderer.draw(&frame, &request)?;
+                self.lacks = self.renderer.lacks() as usize;
                 to_window(&self.gpu, commands, &acquired, Some(eyes), size, views.len());
             }
             _ => to_window(&self.gpu, commands, &acquired, None, size, 0),

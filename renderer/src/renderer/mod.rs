@@ -386,10 +386,10 @@ impl Renderer {
         self.upscaler.average_samples = average;
     }
 
-    /// How many frames of a view that stays the same a picture of `size` pixels is made from at most: frames after them add
-    /// nothing. 1 where a frame keeps nothing for the next.
-    pub fn gathers(&self, config: &RenderConfig, size: [u32; 2]) -> u32 {
-        self.upscaler.gathers(config, size)
+    /// How many further frames of the same add something to the last picture at most: where it is made from several, and what
+    /// it shows stays as it is. 0: it is finished.
+    pub fn lacks(&self) -> u32 {
+        self.upscaler.lacks
     }
 
     /// Which sample of stochastic transparency the next frame shows; each frame after it shows the next one.

@@ -113,6 +113,8 @@ struct History {
     shown: Option<Shown>,
     /// Random samples: how many frames it is worth.
     gathered: f32,
+    /// Frames that showed the same, one after the other.
+    still: u32,
 }
 
 /// The pass, its pipelines, and the history of the temporal form.
@@ -122,6 +124,8 @@ pub(super) struct Upscaler {
     passes: FullScreenPasses<UpscaleKey>,
     history: Option<History>,
     step: u32,
+    /// Frames that would still add something to the last picture.
+    pub lacks: u32,
     /// Whether the random samples of stochastic transparency are averaged over frames.
     pub average_samples: bool,
 }
@@ -155,6 +159,7 @@ impl Upscaler {
             passes: FullScreenPasses::new(gpu),
             history: None,
             step: 0,
+            lacks: 0,
             average_samples: false,
         })
     }
@@ -172,13 +177,6 @@ impl Upscaler {
     /// Whether frames are kept for the next one.
     fn keeps(&self, config: &RenderConfig, resolution: &Resolution) -> bool {
         temporal(config, resolution) || self.means(config)
-    }
-
-    /// How many frames of one view a picture of a size is made from at most.
-    pub fn gathers(&self, config: &RenderConfig, size: [u32; 2]) -> u32 {
-        let cycle = if temporal(config, &Resolution::of(config, size, 0)) { CYCLE } else { 1 };
-        let samples = if self.means(config) { config.samples } else { 1 };
-        cycle.max(samples)
     }
 
     /// How a request's frame is reduced.
@@ -247,16 +245,21 @@ impl Upscaler {
                 Image::new(&self.gpu, "history 0", description)?,
                 Image::new(&self.gpu, "history 1", description)?,
             ];
-            self.history = Some(History { images, newest: 0, shown: None, gathered: 0.0 });
+            self.history = Some(History { images, newest: 0, shown: None, gathered: 0.0, still: 0 });
         }
         Ok(())
     }
 
     /// After a frame's last pass: the next one follows it.
     pub fn end(&mut self, request: &DrawRequest<'_>, reduction: &Reduction) {
+        self.lacks = 0;
+        let cycle = if temporal(request.config, &reduction.resolution) { CYCLE } else { 0 };
+        let samples = if self.means(request.config) { request.config.samples } else { 0 };
         if self.keeps(request.config, &reduction.resolution)
             && let Some(history) = &mut self.history
         {
+            history.still = if reduction.past == Past::Still { history.still.saturating_add(1) } else { 1 };
+            self.lacks = cycle.max(samples).saturating_sub(history.still);
             history.gathered = 1.0 / (1.0 - reduction.history_share);
             history.newest = 1 - history.newest;
             history.shown = Some(Shown::of(request));
