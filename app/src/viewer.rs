@@ -455,22 +455,23 @@ pub struct Figures {
 }
 
 impl Figures {
-    /// Frames that are averaged.
+    /// Frames that the median is of.
     pub const KEPT: usize = 60;
 
-    /// Takes a frame.
-    pub fn add(&mut self, seconds: f64, report: &FrameReport) {
-        if self.frames.len() == Self::KEPT {
+    /// Takes a frame: seconds since the one before, where it followed without a pause, and what a finished one took.
+    pub fn add(&mut self, seconds: Option<f64>, report: &FrameReport) {
+        self.frames.extend(seconds);
+        if self.frames.len() > Self::KEPT {
             self.frames.pop_front();
         }
-        self.frames.push_back(seconds);
         self.report.clone_from(report);
     }
 
-    /// Mean seconds from frame to frame; 0 before the first.
+    /// Median of the seconds from frame to frame, which one that made pipelines does not move; 0 before the first.
     pub fn seconds(&self) -> f64 {
-        // The sum of nothing is -0, which would be written so.
-        (0.0 + self.frames.iter().sum::<f64>()) / self.frames.len().max(1) as f64
+        let mut frames: Vec<f64> = self.frames.iter().copied().collect();
+        frames.sort_by(f64::total_cmp);
+        frames.get(frames.len() / 2).copied().unwrap_or(0.0)
     }
 }
 
@@ -490,6 +491,20 @@ mod tests {
             "a thing ahead lies to the right of the left eye"
         );
         assert!(((right.eye - left.eye).length() - 0.06).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_frame_takes_what_most_of_the_last_ones_took() {
+        let mut figures = Figures::default();
+        let mut add = |seconds, times| {
+            (0..times).for_each(|_| figures.add(seconds, &FrameReport::default()));
+            (figures.seconds(), figures.frames.len())
+        };
+        assert_eq!(add(Some(3.0), 1), (3.0, 1));
+        assert_eq!(add(Some(0.3), 4), (0.3, 5), "one slow frame moves nothing");
+        assert_eq!(add(None, 9), (0.3, 5), "a pause is no frame's time");
+        assert_eq!(add(Some(0.1), 1000), (0.1, Figures::KEPT));
+        assert_eq!(add(None, 9), (0.1, Figures::KEPT));
     }
 
     #[test]

@@ -135,6 +135,8 @@ struct Open {
     /// Frames that are still drawn once nothing moves any more: the panel's figures are of an earlier frame, and a picture may
     /// be made from several.
     owed: usize,
+    /// Whether nothing was drawn for a while before the next frame.
+    rested: bool,
     pictures: PathBuf,
     window: Arc<Window>,
 }
@@ -179,6 +181,8 @@ impl ApplicationHandler for Shell {
         // What is only owed is waited for: nobody may ask a window that is hidden to draw.
         if open.owed > 0 {
             open.window.request_redraw();
+        } else {
+            open.rested = true;
         }
     }
 }
@@ -239,6 +243,7 @@ impl Open {
             last: now,
             awake: now + AWAKE,
             owed: 0,
+            rested: true,
             pictures,
             window,
         })
@@ -325,8 +330,10 @@ impl Open {
     /// Draws a frame. Whether the window stays open.
     fn frame(&mut self) -> Result<bool, CommandError> {
         let now = Instant::now();
+        let since = (now - self.last).as_secs_f64();
         // After a pause, nothing jumps.
-        let seconds = (now - self.last).as_secs_f64().min(0.25);
+        let seconds = since.min(0.25);
+        let since = (!std::mem::take(&mut self.rested)).then_some(since);
         self.last = now;
         self.owed = self.owed.saturating_sub(1);
         let (sticks, mut commands) = self.gamepads.poll();
@@ -369,13 +376,7 @@ impl Open {
         self.egui.handle_platform_output(&self.window, output.platform_output);
         let shapes = context.tessellate(output.shapes, output.pixels_per_point);
         self.window.pre_present_notify();
-        self.screen.draw(
-            &mut self.viewer,
-            seconds,
-            output.textures_delta,
-            &shapes,
-            output.pixels_per_point,
-        )?;
+        self.screen.draw(&mut self.viewer, since, output.textures_delta, &shapes, output.pixels_per_point)?;
         self.owed = self.owed.max(self.screen.lacks);
         for command in commands {
             if !self.obey(command)? {

@@ -97,7 +97,7 @@ impl Screen {
         Ok(())
     }
 
-    /// Draws a frame and shows it.
+    /// Draws a frame and shows it; `seconds` since the one before, where it followed without a pause.
     ///
     /// # Errors
     /// The device was lost, or is out of memory. Choices that it does not offer are the viewer's message, and the last
@@ -105,7 +105,7 @@ impl Screen {
     pub fn draw(
         &mut self,
         viewer: &mut Viewer,
-        seconds: f64,
+        seconds: Option<f64>,
         textures: TexturesDelta,
         shapes: &[ClippedPrimitive],
         pixels_per_point: f32,
