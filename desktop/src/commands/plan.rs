@@ -120,8 +120,8 @@ impl fmt::Display for PlanReport {
         for PlannedEffect { decision: d, bytes_per_splat_switched_on: whole, option } in &self.effects {
             let on = if d.on { "on" } else { "off" };
             let by = match (option, d.overridden) {
-                (None, _) => "the scene's own".to_owned(),
-                (Some(option), false) => format!("{option} overrides"),
+                (None, _) => "by the scene".to_owned(),
+                (Some(option), false) => format!("by the scene (or {option})"),
                 (Some(option), true) => format!("asked for by {option}"),
             };
             let bytes = format!("{} of {whole} B", d.bytes_per_splat);
