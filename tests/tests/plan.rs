@@ -200,9 +200,13 @@ fn the_plan_is_printed_with_what_it_saves() {
     assert!(plain.bytes < plain.bytes_switched_on && plain.bytes_switched_on < plain.bytes_of_every_buffer);
     let text = plain.to_string();
     println!("{text}");
-    for part in
-        ["motion", "off", "--sh-degree overrides", "neither buffer nor instruction", "--precision f16"]
-    {
+    for part in [
+        "motion",
+        "off",
+        "by the scene (or --sh-degree)",
+        "neither buffer nor instruction",
+        "--precision f16",
+    ] {
         assert!(text.contains(part), "{part}");
     }
 
