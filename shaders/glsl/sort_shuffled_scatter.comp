@@ -10,14 +10,11 @@
 const uint LANES = 8u; // = GROUP
 const uint NONE = 0xffffffffu; // the digit of a lane without a key
 
-// How many lanes before and behind this one have the same digit.
+// How many lanes before this one have the same digit, and whether any behind it has: not 0.
 uvec2 same_digits(uint digit, uint lane) {
-    uvec2 same = uvec2(0u);
-    [[unroll]] for (uint i = 0u; i < LANES; i++) {
-        uint equal = uint(subgroupShuffle(digit, i) == digit);
-        same += uvec2(i < lane ? equal : 0u, i > lane ? equal : 0u);
-    }
-    return same;
+    uint same = 0u;
+    [[unroll]] for (uint i = 0u; i < LANES; i++) same |= subgroupShuffle(digit, i) == digit ? 1u << i : 0u;
+    return uvec2(bitCount(same & ((1u << lane) - 1u)), same >> lane >> 1);
 }
 
 shared uint places[DIGITS];
