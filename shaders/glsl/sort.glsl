@@ -29,7 +29,8 @@ const uint SORT_PACKED = 8u;
 // Workgroups are a processor's vectors, which like to find neighbouring digits side by side.
 const uint SORT_SHUFFLED = 16u;
 
-const uint AT_ONCE = 4u; // keys that an invocation asks for before it needs the first
+// Keys that an invocation reads at once, as one vector: on a processor that is half the work of reading them one by one.
+const uint AT_ONCE = 4u;
 
 layout(push_constant) uniform Sort {
     uint count; // keys

@@ -4,6 +4,7 @@
 #include "sort.glsl"
 
 layout(set = 0, binding = 0, std430) readonly buffer Keys { uint keys[]; };
+layout(set = 0, binding = 0, std430) readonly buffer KeyVectors { uvec4 key_vectors[]; }; // the same
 layout(set = 0, binding = 4, std430) writeonly buffer Counts { uint counts[]; }; // at count_place
 
 // Two digits a word, a column for each invocation.
@@ -18,10 +19,11 @@ void main() {
     uint begin = tile * TILE + local * RUN;
     uint end = min(begin + RUN, sort.count);
     uint at = begin;
-    for (; at + AT_ONCE <= end; at += AT_ONCE) {
-        uint digits[AT_ONCE];
-        [[unroll]] for (uint i = 0u; i < AT_ONCE; i++) digits[i] = digit_of(keys[at + i]);
-        [[unroll]] for (uint i = 0u; i < AT_ONCE; i++) count(digits[i], local);
+    if (RUN % AT_ONCE == 0u) {
+        for (; at + AT_ONCE <= end; at += AT_ONCE) {
+            uvec4 vector = key_vectors[at / AT_ONCE];
+            [[unroll]] for (uint i = 0u; i < AT_ONCE; i++) count(digit_of(vector[i]), local);
+        }
     }
     for (; at < end; at++) count(digit_of(keys[at]), local);
     barrier();

@@ -10,10 +10,12 @@ layout(set = 0, binding = 3, std430) writeonly buffer ValuesOut { uint values_ou
 layout(set = 0, binding = 4, std430) readonly buffer Counts { uint counts[]; };
 layout(set = 0, binding = 5, std430) readonly buffer Totals { uint totals[]; };
 
-void move_key(uint key, uint at, uint place) {
-    uint value = at;
+// Whether values are in a buffer of their own.
+const bool VALUES_APART = (FLAGS & (SORT_PACKED | SORT_VALUES_ARE_PLACES)) == 0u;
+
+// `value`: what `values_in` has, where values are apart; else the key's place.
+void move_key(uint key, uint value, uint place) {
     if ((FLAGS & SORT_PACKED) != 0u) value = key & ((1u << sort.value_bits) - 1u);
-    else if ((FLAGS & SORT_VALUES_ARE_PLACES) == 0u) value = values_in[at];
     if ((FLAGS & SORT_LAST) != 0u) {
         values_out[place] = value;
     } else if ((FLAGS & SORT_PACKED) != 0u) {

@@ -48,6 +48,6 @@ void main() {
         uint upper = 16u * (digit & 1u);
         uint ranks = columns[column];
         columns[column] = ranks + (1u << upper);
-        move_key(key, at, places[digit] + ((ranks >> upper) & 0xffffu));
+        move_key(key, VALUES_APART ? values_in[at] : at, places[digit] + ((ranks >> upper) & 0xffffu));
     }
 }

@@ -7,6 +7,10 @@
 #extension GL_EXT_control_flow_attributes : require
 #include "sort_move.glsl"
 
+// The same buffers as in sort_move.glsl.
+layout(set = 0, binding = 0, std430) readonly buffer KeyVectors { uvec4 key_vectors[]; };
+layout(set = 0, binding = 1, std430) readonly buffer ValueVectors { uvec4 value_vectors[]; };
+
 const uint LANES = 8u; // = GROUP
 const uint NONE = 0xffffffffu; // the digit of a lane without a key
 
@@ -17,13 +21,22 @@ uvec2 same_digits(uint digit, uint lane) {
     return uvec2(bitCount(same & ((1u << lane) - 1u)), same >> lane >> 1);
 }
 
+// The lanes' words from `word` on, of words that each lane has read four of.
+uint neighbours(uvec4 words, uint word, uint lane) {
+    uint of = (word + lane) / 4u;
+    uvec4 all;
+    [[unroll]] for (uint i = 0u; i < AT_ONCE; i++) all[i] = subgroupShuffle(words[i], of);
+    uvec2 pair = (lane & 2u) != 0u ? all.zw : all.xy;
+    return (lane & 1u) != 0u ? pair.y : pair.x;
+}
+
 shared uint places[DIGITS];
 
 // A processor's lanes go in step: all have read before one writes.
-void take(uint key, uint digit, uint at, uvec2 same) {
+void take(uint key, uint value, uint digit, uvec2 same) {
     uint place = places[digit] + same.x;
     if (same.y == 0u) places[digit] = place + 1u;
-    move_key(key, at, place);
+    move_key(key, value, place);
     subgroupMemoryBarrierShared();
 }
 
@@ -48,20 +61,23 @@ void main() {
     uint end = min(begin + TILE, sort.count);
     uint first = begin;
     for (; first + AT_ONCE * LANES <= end; first += AT_ONCE * LANES) {
-        uint keys[AT_ONCE], digits[AT_ONCE];
+        uint keys[AT_ONCE], values[AT_ONCE], digits[AT_ONCE];
         uvec2 same[AT_ONCE];
-        [[unroll]] for (uint i = 0u; i < AT_ONCE; i++) keys[i] = keys_in[first + i * LANES + lane];
+        uvec4 key_words = key_vectors[first / AT_ONCE + lane];
+        uvec4 value_words = VALUES_APART ? value_vectors[first / AT_ONCE + lane] : uvec4(0u);
         [[unroll]] for (uint i = 0u; i < AT_ONCE; i++) {
+            keys[i] = neighbours(key_words, i * LANES, lane);
+            values[i] = VALUES_APART ? neighbours(value_words, i * LANES, lane) : first + i * LANES + lane;
             digits[i] = digit_of(keys[i]);
             same[i] = same_digits(digits[i], lane);
         }
-        [[unroll]] for (uint i = 0u; i < AT_ONCE; i++) take(keys[i], digits[i], first + i * LANES + lane, same[i]);
+        [[unroll]] for (uint i = 0u; i < AT_ONCE; i++) take(keys[i], values[i], digits[i], same[i]);
     }
     for (; first < end; first += LANES) {
         uint at = first + lane;
         uint key = at < end ? keys_in[at] : 0u;
         uint digit = at < end ? digit_of(key) : NONE;
         uvec2 same = same_digits(digit, lane);
-        if (at < end) take(key, digit, at, same);
+        if (at < end) take(key, VALUES_APART ? values_in[at] : at, digit, same);
     }
 }
