@@ -170,7 +170,9 @@ bool in_frustum(Plane plane, Reach reach, vec4 tangents) {
     for (int i = 0; i < 5; i++) {
         vec2 n = vec2(dot(planes[i], plane.axis_p), dot(planes[i], plane.axis_q));
         float reach2 = reach.covariance.x * n.x * n.x + 2.0 * reach.covariance.y * n.x * n.y + reach.covariance.z * n.y * n.y;
-        if (!(dot(planes[i], center) + sqrt(max(reach2, 0.0)) > 0.0)) return false;
+        // center + √reach2 > 0, without the root.
+        float inside = dot(planes[i], center);
+        if (!(inside > 0.0 || reach2 > inside * inside)) return false;
     }
     return true;
 }

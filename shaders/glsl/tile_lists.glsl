@@ -36,17 +36,22 @@ uint capacity() { return uint(lists.length()) - entry_at(0u); } // entries that 
 // What a tile needs to know of a splat.
 //
 // A ray's point of the splat's plane is (p, q, 1) times a factor, each a linear function of the pixel: its value at the
-// box's first pixel, and its steps to the right and downward.
+// box's first pixel, and its steps to the right and downward. Lengths of the plane are in UNITs, so that the opacity falls by
+// a power of two with their squares.
 struct TileSplat {
     vec3 p;
-    vec3 q;
+    vec3 q;    // but for the exact projection turned until it stays the same downward: only the sum of the squares counts
     vec3 ahead;
-    uint rg; // colour and opacity, half floats
+    uint rg;   // colour and opacity, half floats
     uint ba;
     ivec4 box; // first column and row, last column and row: pixels; none where the first lies beyond the last
+    float power; // log2 of the opacity
+    float least; // opacity below which a pixel is left alone
     vec2 lean; // exact
     vec3 quadratic;
 };
+
+const float UNIT = sqrt(HALF_LOG2_E); // a standard deviation
 
 // In fours of words: a processor fetches four at a time as fast as one.
 uint tile_splat_parts() { return PROJECTION == PROJECTION_EXACT ? 5u : 4u; }
@@ -62,11 +67,14 @@ TileSplat load_tile_splat(uint layer, uint rank) {
     s.rg = a.w;
     s.ba = b.w;
     s.box = ivec4(c.w & 0xffffu, d.w & 0xffffu, c.w >> 16, d.w >> 16);
+    s.power = uintBitsToFloat(d.x);
+    s.least = uintBitsToFloat(d.y);
     s.lean = vec2(0.0);
     s.quadratic = vec3(0.0);
     if (PROJECTION == PROJECTION_EXACT) {
-        s.quadratic = uintBitsToFloat(d.xyz);
-        s.lean = uintBitsToFloat(tile_splats[at + 4u].xy);
+        uvec4 e = tile_splats[at + 4u];
+        s.lean = uintBitsToFloat(uvec2(d.z, e.x));
+        s.quadratic = uintBitsToFloat(e.yzw);
     }
     return s;
 }
@@ -76,8 +84,8 @@ void store_tile_splat(uint layer, uint rank, TileSplat s) {
     tile_splats[at] = uvec4(floatBitsToUint(s.p), s.rg);
     tile_splats[at + 1u] = uvec4(floatBitsToUint(s.q), s.ba);
     tile_splats[at + 2u] = uvec4(floatBitsToUint(s.ahead), uint(s.box.x) | uint(s.box.z) << 16);
-    tile_splats[at + 3u] = uvec4(floatBitsToUint(s.quadratic), uint(s.box.y) | uint(s.box.w) << 16);
-    if (PROJECTION == PROJECTION_EXACT) tile_splats[at + 4u] = uvec4(floatBitsToUint(s.lean), 0u, 0u);
+    tile_splats[at + 3u] = uvec4(floatBitsToUint(vec3(s.power, s.least, s.lean.x)), uint(s.box.y) | uint(s.box.w) << 16);
+    if (PROJECTION == PROJECTION_EXACT) tile_splats[at + 4u] = floatBitsToUint(vec4(s.lean.y, s.quadratic));
 }
 
 #endif

@@ -24,12 +24,16 @@ TileSplat tile_splat(uint view, uint rank) {
     s.ba = r.ba;
     s.box = ivec4(1, 1, 0, 0);
     s.p = s.q = s.ahead = vec3(0.0);
+    s.power = s.least = 0.0;
     // The plane that leans is done with: only the exact projection's pixels ask again.
-    s.lean = PROJECTION == PROJECTION_EXACT ? r.lean : vec2(0.0);
-    s.quadratic = r.quadratic;
+    s.lean = PROJECTION == PROJECTION_EXACT ? r.lean / UNIT : vec2(0.0);
+    s.quadratic = r.quadratic / (UNIT * UNIT);
     if (!(opacity > 0.0)) return s;
     Plane plane = plane_of(r.m, r.major, r.ratio, r.lean);
-    Reach reach = reach_of(polygon_radius(opacity), r.lean, r.quadratic);
+    float k = polygon_radius(opacity);
+    Reach reach = reach_of(k, r.lean, r.quadratic);
+    s.power = log2(opacity);
+    s.least = max(MIN_ALPHA, exp2(s.power - pow(UNIT * k, 2.0)));
 
     vec4 shown = frame.views[view].tangents;
     vec4 box = shown;
@@ -52,8 +56,16 @@ TileSplat tile_splat(uint view, uint rank) {
     if (!(all(lessThanEqual(low, high)))) return s;
     s.box = ivec4(low, high);
     vec3 first = vec3(shown.xz + (low + 0.5) * step, 1.0);
-    s.p = vec3(dot(plane.along_p, first), plane.along_p.xy * step);
-    s.q = vec3(dot(plane.along_q, first), plane.along_q.xy * step);
+    s.p = UNIT * vec3(dot(plane.along_p, first), plane.along_p.xy * step);
+    s.q = UNIT * vec3(dot(plane.along_q, first), plane.along_q.xy * step);
+    if (PROJECTION != PROJECTION_EXACT) {
+        vec2 down = vec2(s.p.z, s.q.z);
+        float length = sqrt(dot(down, down));
+        vec2 turn = length > 0.0 ? down / length : vec2(1.0, 0.0);
+        vec3 turned = turn.x * s.p + turn.y * s.q;
+        s.q = vec3((turn.x * s.q - turn.y * s.p).xy, 0.0);
+        s.p = turned;
+    }
     s.ahead = vec3(dot(plane.ahead, first), plane.ahead.xy * step);
     return s;
 }
@@ -83,7 +95,7 @@ vec2 outline_at(Outline o, vec2 y) {
 Outline outline_of(TileSplat s) {
     Outline o;
     float k = polygon_radius(unpackHalf2x16(s.ba).y);
-    Reach reach = reach_of(k, s.lean, s.quadratic);
+    Reach reach = reach_of(UNIT * k, s.lean, s.quadratic);
     // In axes in which the reach is the unit circle.
     vec3 l = factor_of(reach);
     o.ahead = s.ahead;
